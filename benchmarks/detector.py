@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vve_sumo.path import ReferencePath
-from vve_sumo.view.camera_pictures import TIMES_OF_DAY, Box, CameraPictures, Look, SeenBody, Truth
+from vve_sumo.view.camera_pictures import TIMES_OF_DAY, Box, CameraPictures, SceneAppearance, SeenBody, Truth
 from vve_sumo.view.declared_camera import CameraFile
 from vve_sumo.view.scene import EYES, LANE_KINDS
 from vve_sumo.world.network import Box as MapBox
@@ -290,7 +290,9 @@ def main() -> None:
         many = min(A_STREET, count - tally.pictures)
         if many <= 0:
             break
-        with CameraPictures.of_scene(scene, camera, Look(asked.time, asked.rain, not asked.bare)) as pictures:
+        with CameraPictures.of_scene(
+            scene, camera, SceneAppearance(asked.time, asked.rain, not asked.bare)
+        ) as pictures:
             for _ in range(many):
                 picture = pictures.drawn(frame_of(path, draw))
                 truth, detections = pictures.truth(), detector(picture)

@@ -163,7 +163,7 @@ class Subscriber:
     def _hear(self) -> None:
         while not self._over.is_set():
             select.select([self._dds], [], [], 0.05)
-            for heard in self._dds.heard():
+            for heard in self._dds.receive():
                 stamp = heard.message.header.stamp
                 unix = stamp.sec + 1e-9 * stamp.nanosec
                 self._heard.append((time.monotonic(), unix - GNSS_EPOCH + LEAP_SECONDS))

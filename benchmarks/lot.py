@@ -65,7 +65,7 @@ def main() -> None:
     print(f"{'':28} {'median':>7} {'p95':>7} {'worst':>7}  us")
     measured("check", [lambda p=p: geofence.check(p.pose, p.steering, p.fallback_path) for p in drive], rounds)
     measured("check, near an edge", [lambda p=p: near_an_edge(p) for p in drive], rounds)
-    ways = [lambda p=p: fallback_path(p.pose, p.steering, path, p.station, vehicle) for p in drive]
+    ways = [lambda p=p: fallback_path(p.pose, p.steering, path, p.s, vehicle) for p in drive]
     measured("way to rest", ways, rounds)
     begun = time.perf_counter()
     geofence.along(path, resolved.scenario.ego.speed_mps)

@@ -72,10 +72,10 @@ class Instant(NamedTuple):
 
     time: float  #: [s]
     s: float  #: of the rear axle [m]
-    offset: float  #: [m]
+    d: float  #: [m]
     speed: float  #: [m/s]
     clearance: float  #: [m]
-    others: tuple[tuple[float, float], ...]  #: stations and offsets of the bodies [m]
+    others: tuple[tuple[float, float], ...]  #: s and d of the bodies [m]
 
 
 class Outcome(NamedTuple):
@@ -86,7 +86,7 @@ class Outcome(NamedTuple):
     beside: float  #: the same while the car was faster than 0.5 m/s and beside somebody [m]
     aside: float  #: the car's greatest distance from its path [m]
     last: float  #: its distance from its path at the end [m]
-    station: float  #: at the end [m]
+    s: float  #: at the end [m]
     slowest: float  #: least speed [m/s]
     speed: float  #: at the end [m/s]
     state: str  #: of the gateway at the end
@@ -148,11 +148,11 @@ def drive(case: Case) -> Outcome:
             near = np.abs(along - 0.5 * vehicle.length) < 0.5 * vehicle.length
             if truth.speed > 0.5 and near.any():
                 beside = min(beside, float(distance(own, others.select(near)).min()))
-        aside, slowest = max(aside, abs(place.offset)), min(slowest, truth.speed)
+        aside, slowest = max(aside, abs(place.d)), min(slowest, truth.speed)
         if number % 5 == 0:
             found = scenario.path.locate(actors.x, actors.y, place.s - 60.0, place.s + 190.0)
             bodies = tuple((s, d) for s, d in zip(*(column.tolist() for column in found), strict=True) if abs(d) < 8.0)
-            track.append(Instant(now, place.s, place.offset, truth.speed, nearest if bodies else math.inf, bodies))
+            track.append(Instant(now, place.s, place.d, truth.speed, nearest if bodies else math.inf, bodies))
         rested = rested + 0.02 if truth.speed < 0.01 else 0.0
         state = tick.output.status.state.value
         if least == 0.0 or now >= case.until or place.s + vehicle.rear_axle_to_bumper >= end:
@@ -163,7 +163,7 @@ def drive(case: Case) -> Outcome:
     shell.close()
     assert place is not None
     return Outcome(
-        least == 0.0, least, beside, aside, abs(place.offset), place.s, slowest, truth.speed, state, now, impact,
+        least == 0.0, least, beside, aside, abs(place.d), place.s, slowest, truth.speed, state, now, impact,
         reasons, tuple(track),
     )  # fmt: skip
 
@@ -348,7 +348,7 @@ def print_passes(planner: str, seeds: range) -> None:
     """Print what came of the drives past the parked car."""
     cases = passes(seeds, planner)
     done = list(driven(cases))
-    passed = [one for one in done if one.station > 660.0]
+    passed = [one for one in done if one.s > 660.0]
     rows = {
         "contacts": f"{sum(one.contact for one in done)} of {len(done)}",
         "passed": f"{len(passed)} of {len(done)}",
@@ -361,7 +361,7 @@ def print_passes(planner: str, seeds: range) -> None:
     for name, value in rows.items():
         print(f"| {name} | {value} |")
     for case, one in zip(cases, done, strict=True):
-        if one.contact or one.station < 660.0 or one.last > 0.15 or one.beside < 0.8:
+        if one.contact or one.s < 660.0 or one.last > 0.15 or one.beside < 0.8:
             print(f"seed {case.seed}: {one._replace(track=())}")
 
 
@@ -447,15 +447,15 @@ def draw(planner: str, file: Path) -> None:
             if shown and one.s - shown[-1].s < 4.0:
                 continue
             shown.append(one)
-            for at, offset in one.others:
-                if offset > 1.6 and s[0] < at < s[-1]:
-                    way.plot(at, offset, "<", color=ACTOR, markersize=4)
-                    way.annotate(f"{one.time:.0f} s", (at, offset), (0, 5), textcoords="offset points", fontsize=6)
-            way.plot(one.s, one.offset, "o", color=EGO, markersize=3)
-            way.annotate(f"{one.time:.0f} s", (one.s, one.offset), (0, -9), textcoords="offset points", fontsize=6)
-        at, offset = next(place for one in done.track for place in one.others if place[1] < 1.6)
-        way.add_patch(Rectangle((at - 2.25, offset - 0.9), 4.5, 1.8, color=OBSTACLE))
-        way.plot(s, [one.offset for one in done.track], color=EGO, linewidth=OVER)
+            for at, d in one.others:
+                if d > 1.6 and s[0] < at < s[-1]:
+                    way.plot(at, d, "<", color=ACTOR, markersize=4)
+                    way.annotate(f"{one.time:.0f} s", (at, d), (0, 5), textcoords="offset points", fontsize=6)
+            way.plot(one.s, one.d, "o", color=EGO, markersize=3)
+            way.annotate(f"{one.time:.0f} s", (one.s, one.d), (0, -9), textcoords="offset points", fontsize=6)
+        at, d = next(place for one in done.track for place in one.others if place[1] < 1.6)
+        way.add_patch(Rectangle((at - 2.25, d - 0.9), 4.5, 1.8, color=OBSTACLE))
+        way.plot(s, [one.d for one in done.track], color=EGO, linewidth=OVER)
         way.set_ylabel("left of the path [m]")
         speed.plot(s, [one.speed for one in done.track], color=EGO, linewidth=OVER)
         speed.set_ylabel("speed [m/s]")

@@ -215,7 +215,7 @@ def _placed(truth: np.ndarray, ticks: Any) -> tuple[dict[str, np.ndarray], float
 def _end(truth: np.ndarray, place: Mapping[str, np.ndarray], path: Any) -> tuple[float, float]:
     """Return s and d of the car at the end [m]."""
     last = path.project(float(place["x"][-1]), float(place["y"][-1]))
-    return float(last.s), float(last.offset)
+    return float(last.s), float(last.d)
 
 
 def _spread(seconds: Any) -> tuple[float, float, float]:

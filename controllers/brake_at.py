@@ -42,17 +42,17 @@ class BrakeAt:
         self._trim = SteeringTrim(vehicle, 0.25, preview.look_ahead_time, preview.look_ahead_least)
         self._keeper, self._tracker = SpeedKeeper(vehicle, PERIOD), Tracker(vehicle)
         self._profile: SpeedProfile | None = None
-        self._station: float | None = None
+        self._s: float | None = None
         self._acceleration = 0.0
         self._since: float | None = None  # when it began to brake [s]
 
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose, path = observation.pose, observation.path
-        projection = path.project(pose.x, pose.y, self._station)
-        self._station = projection.s
+        projection = path.project(pose.x, pose.y, self._s)
+        self._s = projection.s
         deviation = self._observer.step(pose, path, projection, PERIOD)
-        trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, False)
+        trim = self._trim.step(deviation.d, deviation.speed, PERIOD, False)
         steering = clamp(self._law.steer(deviation, observation) + trim, -self._steering_limit, self._steering_limit)
         target = self._tracker.step(observation, projection)
         if self._since is None:

@@ -89,13 +89,13 @@ class CooperativeCruiseControl:
     def __init__(self, follow: FollowAndStop, law: CooperativeTimeGap, messages: LeadMessages) -> None:
         """`law` is that of `follow`."""
         self._follow, self._law, self._messages = follow, law, messages
-        self._station: float | None = None
+        self._s: float | None = None
 
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose = observation.pose
-        projection = observation.path.project(pose.x, pose.y, self._station)
-        self._station = projection.s
+        projection = observation.path.project(pose.x, pose.y, self._s)
+        self._s = projection.s
         self._law.message = self._messages.step(observation, projection)
         return self._follow.step(observation)
 

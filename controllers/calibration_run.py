@@ -135,7 +135,7 @@ class Excursion:
     def __init__(self, vehicle: Vehicle, speed: float) -> None:
         """`speed` is the manoeuvres' [m/s], for which the answer's delay is reckoned."""
         self._vehicle = vehicle
-        self._heading = self._offset = self._yaw_rate = 0.0
+        self._heading = self._d = self._yaw_rate = 0.0
         actuator = vehicle.steering_delay + vehicle.steering_lag
         answer = 1.5 * PERIOD + actuator + tyre_response_time(vehicle, speed)
         self._under_way = deque([0.0] * round(answer / PERIOD))
@@ -146,15 +146,15 @@ class Excursion:
         taken = self._under_way.popleft()
         self._yaw_rate = speed * taken / steady_steering(self._vehicle, speed, 1.0)
         self._heading += self._yaw_rate * PERIOD
-        self._offset += speed * math.sin(self._heading) * PERIOD
+        self._d += speed * math.sin(self._heading) * PERIOD
         if angle is None:
             self._heading -= self._heading * PERIOD / FORGETTING
-            self._offset -= self._offset * PERIOD / FORGETTING
+            self._d -= self._d * PERIOD / FORGETTING
 
     def taken_out(self, deviation: Deviation) -> Deviation:
         """The deviation from where the car should be."""
         return deviation._replace(
-            offset=deviation.offset - self._offset,
+            d=deviation.d - self._d,
             heading_error=deviation.heading_error - self._heading,
             yaw_rate_error=deviation.yaw_rate_error - self._yaw_rate,
         )
@@ -176,13 +176,13 @@ class CalibrationRun:
         self._standstill = Standstill(PERIOD)
         self._number = 0
         self._since = 0.0  # begin of the phase [s]
-        self._station: float | None = None
+        self._s: float | None = None
 
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose, path = observation.pose, observation.path
-        projection = path.project(pose.x, pose.y, self._station)
-        self._station = projection.s
+        projection = path.project(pose.x, pose.y, self._s)
+        self._s = projection.s
         phase, time = self._phase(observation)
         excess = phase.steer(time) if phase is not None and phase.steer is not None else None
         steering = self._steer(excess, self._observer.step(pose, path, projection, PERIOD), observation)
@@ -192,7 +192,7 @@ class CalibrationRun:
     def _steer(self, excess: float | None, deviation: Deviation, observation: Observation) -> float:
         """Road-wheel angle [rad]: the law's, about the manoeuvre's `excess`; the trim learns between manoeuvres."""
         self._excursion.step(excess, deviation.speed)
-        trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, excess is not None)
+        trim = self._trim.step(deviation.d, deviation.speed, PERIOD, excess is not None)
         wanted = self._law.steer(self._excursion.taken_out(deviation), observation) + trim + (excess or 0.0)
         return clamp(wanted, -self._steering_limit, self._steering_limit)
 

@@ -97,13 +97,13 @@ class CommunicationDisturbanceObserver:
             return self.law.steer(deviation, observation)
         if not self._washouts:
             self._start(deviation)
-        offset, heading, yaw_rate = self._observed(deviation)
+        d, heading, yaw_rate = self._observed(deviation)
         corrected = deviation._replace(
-            offset=deviation.offset + offset,
+            d=deviation.d + d,
             heading_error=deviation.heading_error + heading,
             yaw_rate_error=deviation.yaw_rate_error + yaw_rate,
         )
-        angle = self.law.steer(corrected, _moved(observation, deviation.station, offset, heading, yaw_rate))
+        angle = self.law.steer(corrected, _moved(observation, deviation.s, d, heading, yaw_rate))
         limit = self._vehicle.steering_limit
         bend = steady_steering(self._vehicle, deviation.speed, deviation.curvature)
         self._model.step(clamp(angle, -limit, limit) - bend, deviation.speed)
@@ -112,36 +112,36 @@ class CommunicationDisturbanceObserver:
     def _start(self, deviation: Deviation) -> None:
         self._washouts = tuple(Washout(self._frequency, self._period) for _ in range(3))
         self._correction = (0.0, 0.0, 0.0)
-        self._model.start(deviation.offset, deviation.heading_error, deviation.yaw_rate_error, deviation.speed)
+        self._model.start(deviation.d, deviation.heading_error, deviation.yaw_rate_error, deviation.speed)
 
     def _observed(self, deviation: Deviation) -> tuple[float, float, float]:
-        """Return what the delay hides, filtered: of offset [m], heading error [rad] and yaw-rate error [rad/s]."""
-        model, (offset, heading, yaw_rate) = self._model, self._washouts
+        """Return what the delay hides, filtered: of d [m], heading error [rad] and yaw-rate error [rad/s]."""
+        model, (d, heading, yaw_rate) = self._model, self._washouts
         hidden = (
-            model.offset - offset.step(deviation.offset),
+            model.d - d.step(deviation.d),
             model.heading_error - heading.step(deviation.heading_error),
             # The yaw rate's model has no integrator, so that its washout may act on the difference.
             yaw_rate.step(model.yaw_rate_error - deviation.yaw_rate_error),
         )
-        share, (old_offset, old_heading, old_yaw_rate) = self._share, self._correction
+        share, (old_d, old_heading, old_yaw_rate) = self._share, self._correction
         self._correction = (
-            old_offset + share * (hidden[0] - old_offset),
+            old_d + share * (hidden[0] - old_d),
             old_heading + share * (hidden[1] - old_heading),
             old_yaw_rate + share * (hidden[2] - old_yaw_rate),
         )
         return self._correction
 
 
-def _moved(observation: Observation, station: float, offset: float, heading: float, yaw_rate: float) -> Observation:
+def _moved(observation: Observation, s: float, d: float, heading: float, yaw_rate: float) -> Observation:
     """Return the observation of a car that is so much farther left [m], turned [rad] and turning [rad/s].
 
     Some laws, such as pure pursuit, look at the pose itself.
     """
-    pose, along = observation.pose, observation.path.at(station).heading
+    pose, along = observation.pose, observation.path.at(s).heading
     moved = replace(
         pose,
-        x=pose.x - offset * math.sin(along),
-        y=pose.y + offset * math.cos(along),
+        x=pose.x - d * math.sin(along),
+        y=pose.y + d * math.cos(along),
         heading=pose.heading + heading,
         yaw_rate=pose.yaw_rate + yaw_rate,
     )

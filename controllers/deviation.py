@@ -19,8 +19,8 @@ MISALIGNMENT_LIMIT = math.radians(2.0)  #: more than this is a fault of the rig 
 class Deviation(NamedTuple):
     """Where the rear axle is beside the path, and how it is turned."""
 
-    station: float  #: of the rear axle along the path [m]
-    offset: float  #: of the rear axle from the path [m], left positive
+    s: float  #: of the rear axle along the path [m]
+    d: float  #: of the rear axle from the path [m], left positive
     heading_error: float  #: course less the path's heading [rad], left positive; 0 on a steady bend
     yaw_rate_error: float  #: yaw rate less what the path asks for [rad/s]
     speed: float  #: [m/s], never negative
@@ -72,7 +72,7 @@ class DeviationObserver:
         self._actuator = vehicle.steering_delay + vehicle.steering_lag
 
     def step(self, pose: Pose, path: ReferencePath, projection: PathProjection, period: float) -> Deviation:
-        """Advance by a period [s]; `pose` and `station` are the rear axle's."""
+        """Advance by a period [s]; `pose` and `projection` are the rear axle's."""
         speed = max(pose.speed, 0.0)
         slip = steady_sideslip(self._vehicle, speed, projection.curvature)
         if speed > MIN_SPEED:
@@ -83,7 +83,7 @@ class DeviationObserver:
         answer = 1.5 * period + self._actuator + tyre_response_time(self._vehicle, speed)
         return Deviation(
             projection.s,
-            projection.offset,
+            projection.d,
             turned(pose.heading + slip + self._misalignment - projection.heading),
             pose.yaw_rate - speed * projection.curvature,
             speed,

@@ -126,8 +126,8 @@ class ElasticBand:
         room = task.room(times_at(speeds, task.spacing))
         if any(low > high for low, high in zip(room.low[free], room.high[free], strict=True)):
             return None
-        offsets = yield from _Band(task, room).settling()
-        plan = LateralPlan((*task.head, *offsets[free]), speeds)
+        d = yield from _Band(task, room).settling()
+        plan = LateralPlan((*task.head, *d[free]), speeds)
         return plan if within_limits(task, plan, room) else None
 
 

@@ -172,7 +172,7 @@ class FollowAndStop:
         self._comfort = bool(tuning["comfort"])
         self._stopped = False
         self._profile: SpeedProfile | None = None
-        self._station: float | None = None
+        self._s: float | None = None
         self._saturated = False
         self._acceleration = 0.0
         self._cruising = True
@@ -180,8 +180,8 @@ class FollowAndStop:
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose = observation.pose
-        projection = observation.path.project(pose.x, pose.y, self._station)
-        self._station = projection.s
+        projection = observation.path.project(pose.x, pose.y, self._s)
+        self._s = projection.s
         to_end = observation.path.length - projection.s
         target = self._tracker.step(observation, projection)
         warned = self._warned.step(observation, projection) if self._warned is not None else None
@@ -216,7 +216,7 @@ class FollowAndStop:
         return ControlCommand(self._steer(deviation, observation), acceleration, note=note, path=way.commanded)
 
     def _steer(self, deviation: Deviation, observation: Observation) -> float:
-        trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, self._saturated)
+        trim = self._trim.step(deviation.d, deviation.speed, PERIOD, self._saturated)
         wanted = self._law.steer(deviation, observation) + trim
         granted = clamp(wanted, -self._steering_limit, self._steering_limit)
         self._saturated = granted != wanted

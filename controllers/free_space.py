@@ -30,8 +30,8 @@ SEEN_PART: Final = 1.3  #: height of the part of a car that must be seen over wh
 class Room(NamedTuple):
     """What bodies leave free at each node."""
 
-    low: list[float]  #: least offset of the rear axle [m], left positive; -inf where nothing is on that side
-    high: list[float]  #: greatest offset of the rear axle [m]; inf likewise
+    low: list[float]  #: least d of the rear axle [m], left positive; -inf where nothing is on that side
+    high: list[float]  #: greatest d of the rear axle [m]; inf likewise
 
     def within(self, right: float, left: float) -> Room:
         """Return the room that the road leaves of it, `right` and `left` of the path [m]."""
@@ -89,15 +89,13 @@ def room(nodes: Nodes, times: Sequence[float], bodies: Sequence[Body], sides: Se
     return Room(low.tolist(), high.tolist())
 
 
-def clearances(
-    nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, keeps: Margins
-) -> list[float]:
+def clearances(nodes: Nodes, times: Sequence[float], way_d: Sequence[float], body: Body, keeps: Margins) -> list[float]:
     """Return how near a body is to the car's side at each node of a way [m]; inf where it is not beside the car.
 
-    `offsets` are the rear axle's [m], `times` when it is there [s]. Negative where the body is in the way. A car that
+    `way_d` are the rear axle's [m], `times` when it is there [s]. Negative where the body is in the way. A car that
     leaves its path steeply has its front much farther out than its rear axle.
     """
-    at, way = np.array(times), np.array(offsets)
+    at, way = np.array(times), np.array(way_d)
     beside, d, spread = _beside(nodes, at, body, keeps, 0.0)
     ahead = (body.s[None, :] + body.along * at[:, None] - nodes.s[:, None]).clip(-nodes.rear, nodes.front)
     away = d - way[:, None] - _slopes(way, nodes.s)[:, None] * ahead
@@ -108,8 +106,8 @@ def clearances(
     return nearest
 
 
-def _slopes(offsets: np.ndarray, s: np.ndarray) -> np.ndarray:
-    return np.gradient(offsets, s) if len(offsets) > 1 else np.zeros(len(offsets))
+def _slopes(d: np.ndarray, s: np.ndarray) -> np.ndarray:
+    return np.gradient(d, s) if len(d) > 1 else np.zeros(len(d))
 
 
 def _straddled(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
@@ -123,7 +121,7 @@ def _straddled(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
 def _beside(
     nodes: Nodes, times: np.ndarray, body: Body, keeps: Margins, since: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points are beside the car at each node, their offsets there [m], and how uncertain those are [m].
+    """Return which points are beside the car at each node, their d there [m], and how uncertain those are [m].
 
     What is hidden of a body reaches from each of its points on along the path.
     """
@@ -142,7 +140,7 @@ def _beside(
 def sees(eye: tuple[float, float, float], place: tuple[float, float], bodies: Sequence[Body]) -> bool:
     """Tell whether a lidar sees a car at a place on the path: nothing stands between, or it sees over it.
 
-    `eye` is the lidar's station, offset and height over the road [m], `place` the station and offset that is looked at
+    `eye` is the lidar's s, d and height over the road [m], `place` the s and d that is looked at
     [m]. A body may reach beyond what is seen of it, along the path and upwards.
     """
     s, d, height = eye

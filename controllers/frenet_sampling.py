@@ -1,6 +1,6 @@
 """`follow_and_stop` that steers around what is in its way, by sampling; the keys are those of `steer_around`.
 
-Many ways are drawn beside the path: out by a quintic polynomial to one of several offsets, along there while a body is
+Many ways are drawn beside the path: out by a quintic polynomial to one of several d, along there while a body is
 beside, back by another quintic; each at one of several speeds, which quartic polynomials of the distance over time lead
 to. The cheapest one within the limits is the way. After Werling and others (*IEEE International Conference on Robotics
 and Automation*, 987, 2010). A lane change is the case that goes out and has nothing to come back for.
@@ -131,7 +131,7 @@ def _kept(task: Task) -> tuple[LateralPlan | None, float]:
     plan = LateralPlan(task.before, tuple(task.speeds))
     if not within_limits(task, plan, task.room(times_at(task.speeds, task.spacing))):
         return None, math.inf
-    return plan, CHEAPER * float(_costs(np.array(plan.offsets)[:, None], task.spacing, plan.speeds)[0])
+    return plan, CHEAPER * float(_costs(np.array(plan.d)[:, None], task.spacing, plan.speeds)[0])
 
 
 def _speeds(task: Task) -> Iterator[tuple[Sequence[float], float]]:
@@ -147,7 +147,7 @@ def _speeds(task: Task) -> Iterator[tuple[Sequence[float], float]]:
 
 
 def _ways(task: Task, room: Room, speeds: Sequence[float]) -> np.ndarray:
-    """Draw ways through the nodes; return their offsets [m], shape (nodes, ways)."""
+    """Draw ways through the nodes; return their d [m], shape (nodes, ways)."""
     head, spacing, count = task.head, task.spacing, len(speeds)
     start, first = _state(head, spacing), len(head) - 1
     places = spacing * np.arange(count - first)[:, None]

@@ -132,11 +132,11 @@ class JunctionWatch:
         foot = path.project(x, y, min(bumper + away, path.length))
         heading = math.atan2(y - y0, x - x0)
         aligned = math.cos(heading - foot.heading) > ALONG
-        if abs(foot.offset) > half or not aligned or foot.s <= bumper - PASSED:
+        if abs(foot.d) > half or not aligned or foot.s <= bumper - PASSED:
             return None
         far = math.hypot(beyond_x - x, beyond_y - y)
         beyond = path.project(beyond_x, beyond_y, min(foot.s + far, path.length))
-        takes = abs(beyond.offset) <= half + EXIT_SLACK and beyond.s > foot.s
+        takes = abs(beyond.d) <= half + EXIT_SLACK and beyond.s > foot.s
         return foot.s if takes else None
 
     def _conflict(self, path: ReferencePath, way: Way, known: RightOfWay, row: int, line: float) -> Conflict | None:

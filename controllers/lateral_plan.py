@@ -1,4 +1,4 @@
-"""What a planner is asked for, and what it answers: a row of offsets beside the path that the car can drive.
+"""What a planner is asked for, and what it answers: a row of lateral offsets d from the path that the car can drive.
 
 It knows the limits of a car that is steered, and no bodies.
 """
@@ -68,19 +68,19 @@ class LateralLimits(NamedTuple):
 class Task(NamedTuple):
     """What a planner plans."""
 
-    head: tuple[float, ...]  #: offsets of the first nodes, three or more, which are not to be changed [m]
+    head: tuple[float, ...]  #: d of the first nodes, three or more, which are not to be changed [m]
     spacing: float  #: from node to node [m]
     curvature: Sequence[float]  #: of the path at the nodes [1/m]
     speeds: Sequence[float]  #: that the car is expected to have at the nodes [m/s]
     room: Callable[[Sequence[float]], Room]  #: at the nodes, by the times at which the car is there [s]
     limits: LateralLimits
-    before: tuple[float, ...] = ()  #: offsets at all nodes of the way that the car is on [m]; empty for none
+    before: tuple[float, ...] = ()  #: d at all nodes of the way that the car is on [m]; empty for none
 
 
 class LateralPlan(NamedTuple):
     """A planner's answer."""
 
-    offsets: tuple[float, ...]  #: of the rear axle from the path at every node [m], left positive
+    d: tuple[float, ...]  #: of the rear axle from the path at every node [m], left positive
     speeds: tuple[float, ...]  #: at every node [m/s]
 
 
@@ -124,18 +124,18 @@ def times_at(speeds: Sequence[float], spacing: float, start: float = 0.0) -> lis
 def within_limits(task: Task, plan: LateralPlan, room: Room) -> bool:
     """Tell whether a way keeps to the room and to the limits, from the head on.
 
-    Limits are those of the curve that the car follows, a cubic spline through the nodes: where offsets of neighbours
+    Limits are those of the curve that the car follows, a cubic spline through the nodes: where the d of neighbours
     go to and fro, its curvature is up to three times what their differences are.
     """
-    offsets = np.array(plan.offsets)
-    second = second_derivatives(offsets, np.full(len(offsets) - 1, task.spacing))
-    return bool(_keeps(task, offsets[:, None], second[:, None], plan.speeds, room)[0])
+    d = np.array(plan.d)
+    second = second_derivatives(d, np.full(len(d) - 1, task.spacing))
+    return bool(_keeps(task, d[:, None], second[:, None], plan.speeds, room)[0])
 
 
 def all_within_limits(task: Task, ways: np.ndarray, speeds: Sequence[float], room: Room) -> np.ndarray:
     """Tell which of many ways keep to the room and to the limits, as `within_limits` does; shape (ways,).
 
-    `ways` are offsets at the nodes [m], shape (nodes, ways); `speeds` at the nodes hold for all of them [m/s].
+    `ways` are d at the nodes [m], shape (nodes, ways); `speeds` at the nodes hold for all of them [m/s].
     """
     return _keeps(task, ways, _second_derivatives(ways, task.spacing), speeds, room)
 

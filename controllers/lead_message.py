@@ -73,10 +73,10 @@ class LeadMessages:
         # Places count from the front bumper at the time of the output.
         ahead, aside = heard.x + self._bumper, heard.y
         x, y = then.x + ahead * cos - aside * sin, then.y + ahead * sin + aside * cos
-        places, offsets = path.locate(np.asarray(x), np.asarray(y), s, s + self._bumper + REACH)
+        places, places_d = path.locate(np.asarray(x), np.asarray(y), s, s + self._bumper + REACH)
         nearest: _Sender | None = None
-        for row, (at, offset) in enumerate(zip(places.tolist(), offsets.tolist(), strict=True)):
-            if heard.message[row] != CAM or not abs(offset) < BESIDE or not at > s + self._bumper:
+        for row, (at, d) in enumerate(zip(places.tolist(), places_d.tolist(), strict=True)):
+            if heard.message[row] != CAM or not abs(d) < BESIDE or not at > s + self._bumper:
                 continue
             if math.cos(float(heard.heading[row]) + then.heading - path.at(at).heading) < ALONG:
                 continue

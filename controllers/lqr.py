@@ -71,7 +71,7 @@ class LateralRegulator:
         """Return the road-wheel angle [rad]."""
         speed, psi, psi_rate = deviation.speed, deviation.heading_error, deviation.yaw_rate_error
         sine = math.sin(psi)
-        states = (deviation.offset + self._rear * sine, speed * sine + self._rear * psi_rate, psi, psi_rate)
+        states = (deviation.d + self._rear * sine, speed * sine + self._rear * psi_rate, psi, psi_rate)
         place = min(max(speed - SPEEDS[0], 0.0), len(SPEEDS) - 1.001)
         row = int(place)
         share = place - row

@@ -159,7 +159,7 @@ class Outlines:
         axle = self._memory.at(turn.time)
         pieces = self._pieces(turn, axle, observation.path, projection.s)
         # What lies ahead was met in the middle of the turn.
-        time, here = turn.time - 0.5 * _duration(turn), (projection.s, projection.offset)
+        time, here = turn.time - 0.5 * _duration(turn), (projection.s, projection.d)
         for one in self._followed:
             one.predict(time)
         known = list(self._followed)
@@ -193,9 +193,9 @@ class Outlines:
         return found + [_taken_for_a_car(track, time) for track in lonely]
 
     def _pieces(
-        self, turn: PointCloud, axle: AxleMotion, path: ReferencePath, station: float
+        self, turn: PointCloud, axle: AxleMotion, path: ReferencePath, ego_s: float
     ) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Return stations, offsets and the highest point [m] of each body near the path."""
+        """Return s, d and the highest point [m] of each body near the path; `ego_s` is the rear axle's [m]."""
         x, y, height, _firing = standing(turn, axle, self._forward, self._height, self._forward)
         near = (x > -BEHIND) & (x < AHEAD) & (np.abs(y) < ASIDE)
         x, y, height = x[near], y[near], height[near]
@@ -209,7 +209,7 @@ class Outlines:
         np.maximum.at(tops, labels, height)
         kept = order[first]
         labels, x, y = labels[kept], x[kept], y[kept]
-        s, d = path.locate(axle.x + x * cos - y * sin, axle.y + x * sin + y * cos, station - BEHIND, station + AHEAD)
+        s, d = path.locate(axle.x + x * cos - y * sin, axle.y + x * sin + y * cos, ego_s - BEHIND, ego_s + AHEAD)
         pieces = []
         for number in np.unique(labels).tolist():
             own = (labels == number) & np.isfinite(s) & np.isfinite(d)
@@ -257,8 +257,8 @@ def _nearest(first: np.ndarray, second: np.ndarray) -> float:
 def _is_of(track: Track, one: _Followed, time: float) -> bool:
     at = track.s + track.speed * (time - track.time)
     near = float(one.s.min()) - ONE_BODY <= at <= float(one.s.max()) + ONE_BODY
-    offset = track.across.value
-    return near and float(one.d.min()) - ONE_BODY <= offset <= float(one.d.max()) + ONE_BODY
+    d = track.across.value
+    return near and float(one.d.min()) - ONE_BODY <= d <= float(one.d.max()) + ONE_BODY
 
 
 def _taken_for_a_car(track: Track, time: float) -> Body:
@@ -266,7 +266,7 @@ def _taken_for_a_car(track: Track, time: float) -> Body:
 
     It counts a standard deviation farther off than it is measured: far away that is most of a lane.
     """
-    s, offset = track.s + track.speed * (time - track.time), track.offset
-    near = math.copysign(abs(offset) + math.sqrt(track.offset_variance), offset)
-    far = near + math.copysign(WIDTH, offset)
+    s, d = track.s + track.speed * (time - track.time), track.d
+    near = math.copysign(abs(d) + math.sqrt(track.d_variance), d)
+    far = near + math.copysign(WIDTH, d)
     return Body(s + np.array([0.0, 0.0, LENGTH, LENGTH]), np.array([near, far] * 2), track.speed, 0.0, 0.0, 1.5)

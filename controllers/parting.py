@@ -28,8 +28,8 @@ def goes_past(
 ) -> bool:
     """Tell whether all of it leaves the corridor before the front bumper comes within MIN_CLEARANCE of it.
 
-    It is seen at station `s` [m], goes at `along` [m/s] along the path and as the trend says across; the bumper is at
-    station `bumper` [m] and keeps its `pace` [m/s]. One on foot may stop at any step: of them this foretells nothing.
+    It is seen at `s` [m], goes at `along` [m/s] along the path and as the trend says across; the bumper is at
+    s = `bumper` [m] and keeps its `pace` [m/s]. One on foot may stop at any step: of them this foretells nothing.
     """
     here = path.at(s)
     cos, sin = math.cos(here.heading), math.sin(here.heading)
@@ -41,11 +41,11 @@ def goes_past(
     for step in range(round(PREDICTION_HORIZON / STEP) + 1):
         time = step * STEP
         sigma = LEFT * math.sqrt(across.ahead(time)[1])
-        stations, offsets = path.locate(x + vx * time, y + vy * time, bumper - SIDE_REACH, s + MAX_BODY_LENGTH)
+        places_s, places_d = path.locate(x + vx * time, y + vy * time, bumper - SIDE_REACH, s + MAX_BODY_LENGTH)
         inside = [
-            at
-            for at, offset in zip(stations.tolist(), offsets.tolist(), strict=True)
-            if corridor.contains(at, math.copysign(max(abs(offset) - sigma, 0.0), offset))
+            at_s
+            for at_s, at_d in zip(places_s.tolist(), places_d.tolist(), strict=True)
+            if corridor.contains(at_s, math.copysign(max(abs(at_d) - sigma, 0.0), at_d))
         ]
         if not inside:
             return True

@@ -52,7 +52,7 @@ class PreviewSteering:
         """Return the road-wheel angle [rad]."""
         look_ahead, proportional, derivative = self.tuning.at(self._vehicle, deviation.speed)
         sine = math.sin(deviation.heading_error)
-        previewed = deviation.offset + look_ahead * sine
+        previewed = deviation.d + look_ahead * sine
         rate = deviation.speed * sine + look_ahead * deviation.yaw_rate_error
         bend = steady_steering(self._vehicle, deviation.speed, deviation.curvature)
         return bend - proportional * previewed - derivative * rate

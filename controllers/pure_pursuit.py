@@ -23,9 +23,9 @@ class PurePursuit:
     def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         pose, path, vehicle = observation.pose, observation.path, self._vehicle
-        goal = path.at(deviation.station + max(self._least, self._time * deviation.speed))
+        goal = path.at(deviation.s + max(self._least, self._time * deviation.speed))
         dx, dy = goal.x - pose.x, goal.y - pose.y
-        course = path.at(deviation.station).heading + deviation.heading_error
+        course = path.at(deviation.s).heading + deviation.heading_error
         sine = math.sin(turned(math.atan2(dy, dx) - course))
         curvature = 2.0 * sine / math.hypot(dx, dy)
         understeer = vehicle.understeer_gradient * deviation.speed * deviation.speed * curvature

@@ -70,8 +70,8 @@ class Sighting(NamedTuple):
     """One detection, on the path."""
 
     s: float  #: [m]
-    offset: float  #: [m], left positive
-    offset_variance: float  #: [m2]
+    d: float  #: [m], left positive
+    d_variance: float  #: [m2]
     speed: float  #: along the path [m/s] of one that does not cross; NaN where the line of sight crosses the path
     skew: float = 0.0  #: by how much a speed across the path adds to `speed`
     slide: float = 0.0  #: drift of the seen point along the rear of a body, where the path bends [m2/s]
@@ -130,14 +130,14 @@ def sightings(
     ranges, azimuths = scan.range.tolist(), scan.azimuth.tolist()
     sights = [(math.cos(heading + azimuth), math.sin(heading + azimuth)) for azimuth in azimuths]
     lines = np.array(sights)
-    s, offset = path.locate(
+    s, d = path.locate(
         bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], projection.s, projection.s + HORIZON
     )
     across = then.lateral_speed + then.yaw_rate * front
     here, found = path.at(projection.s).heading, []
-    columns = zip(ranges, azimuths, sights, scan.range_rate.tolist(), s.tolist(), offset.tolist(), strict=True)
-    for reach, azimuth, (sight_x, sight_y), rate, at_s, at_offset in columns:
-        if not abs(at_offset) < LANE:
+    columns = zip(ranges, azimuths, sights, scan.range_rate.tolist(), s.tolist(), d.tolist(), strict=True)
+    for reach, azimuth, (sight_x, sight_y), rate, at_s, at_d in columns:
+        if not abs(at_d) < LANE:
             continue
         direction = path.at(at_s).heading
         cos_path, sin_path = math.cos(direction), math.sin(direction)
@@ -153,5 +153,5 @@ def sightings(
         range_sigma, rate_sigma = noise.range_sigma + worse, noise.rate_sigma + worse
         variance = (noise.azimuth_sigma * reach) ** 2 + (range_sigma * math.sin(azimuth)) ** 2 + 0.1**2
         rate_variance = (noise.unknown_sigma if math.isnan(speed) else rate_sigma) ** 2
-        found.append(Sighting(at_s, at_offset, variance, speed, skew, slide, range_sigma**2, rate_variance))
+        found.append(Sighting(at_s, at_d, variance, speed, skew, slide, range_sigma**2, rate_variance))
     return found

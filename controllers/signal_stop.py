@@ -108,7 +108,7 @@ class SignalWatch:
 def _foot(path: ReferencePath, x: float, y: float, near: float) -> tuple[float, float]:
     """Return s and d of a map point near an s on the path [m]."""
     place = path.project(x, y, min(near, path.length))
-    return place.s, place.offset
+    return place.s, place.d
 
 
 class SignalStop:
@@ -117,7 +117,7 @@ class SignalStop:
     def __init__(self, vehicle: Vehicle, period: float) -> None:
         self._watch, self._bumper = SignalWatch(vehicle), vehicle.rear_axle_to_bumper
         self._answer = vehicle.brake_delay + vehicle.brake_lag + period
-        self._decided = -math.inf  # station of the line [m] that was decided on at yellow
+        self._decided = -math.inf  # s of the line [m] that was decided on at yellow
         self._goes = False
         self.line: Line | None = None  #: the next one; None for none
         self.distance = math.inf  #: from the front bumper to it [m]

@@ -70,9 +70,9 @@ class RequestDelay:
 
 
 class LateralModel:
-    """Predicts offset, heading error and yaw-rate error; both integrals may be washed out.
+    """Predicts d, heading error and yaw-rate error; both integrals may be washed out.
 
-    With a washout of natural frequency w the predicted offset and heading are those of the integrating model behind
+    With a washout of natural frequency w the predicted d and heading are those of the integrating model behind
     s^2 / (s^2 + 2 D w s + w^2), D = 1 / sqrt(2), written without an integrator: they stay bounded whatever is asked.
     """
 
@@ -89,17 +89,17 @@ class LateralModel:
         self._delay = RequestDelay(period + vehicle.steering_delay, period)
         self.start(0.0, 0.0, 0.0, 0.0)
 
-    def start(self, offset: float, heading_error: float, yaw_rate_error: float, speed: float) -> None:
+    def start(self, d: float, heading_error: float, yaw_rate_error: float, speed: float) -> None:
         """Begin at a deviation [m], [rad], [rad/s], at a speed [m/s], with the wheels straight."""
         self._delay.clear()
         self._wheel = self._turned = 0.0  # road-wheel angle [rad]; integral of the heading error [rad s]
-        self.offset = offset  #: of the rear axle from the path [m], left positive
+        self.d = d  #: of the rear axle from the path [m], left positive
         self.heading_error = heading_error  #: course less the path's heading [rad], left positive
         self.yaw_rate_error = yaw_rate_error  #: yaw rate less what the path asks for [rad/s], as a pose has it
         self._yaw_rate = yaw_rate_error
         rear = self._vehicle.wheelbase - self._vehicle.front_axle_to_mass
         self._lateral_speed = rear * yaw_rate_error  # of the mass centre: the rear axle does not slip
-        self._offset_rate = speed * heading_error - self._damping * offset
+        self._d_rate = speed * heading_error - self._damping * d
 
     def step(self, request: float, speed: float) -> None:
         """Advance by a period at a speed [m/s]; `request` is the road-wheel angle asked for at its beginning [rad]."""
@@ -110,9 +110,9 @@ class LateralModel:
         heading = self.heading_error
         self.heading_error += (yaw - damping * heading - stiffness * self._turned) * dt
         self._turned += 0.5 * (heading + self.heading_error) * dt
-        rate = self._offset_rate
-        self._offset_rate += sideways + (speed * yaw - damping * rate - stiffness * self.offset) * dt
-        self.offset += 0.5 * (rate + self._offset_rate) * dt
+        rate = self._d_rate
+        self._d_rate += sideways + (speed * yaw - damping * rate - stiffness * self.d) * dt
+        self.d += 0.5 * (rate + self._d_rate) * dt
 
     def _slip(self, wheel: float, speed: float) -> tuple[float, float]:
         """Advance the tyres; return the mean yaw rate [rad/s] and the change of the rear axle's lateral speed [m/s]."""

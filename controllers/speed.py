@@ -22,7 +22,7 @@ LEARNING: Final = 0.05  #: integral gain [1/s2]: what throttle map and drag get 
 
 
 class SpeedProfile:
-    """The greatest speed at each station that keeps bends comfortable and can be braked down to in time."""
+    """The greatest speed at each s that keeps bends comfortable and can be braked down to in time."""
 
     def __init__(self, path: ReferencePath, lateral: float = LATERAL_COMFORT, slowing: float = SLOWING) -> None:
         """`lateral` and `slowing`: accelerations in bends and ahead of them [m/s2]."""
@@ -31,7 +31,7 @@ class SpeedProfile:
         self._squares = squared_speed_limits(table.curvature.tolist(), NO_SPEED_LIMIT, lateral, slowing, SAMPLE_SPACING)
 
     def at(self, s: float) -> tuple[float, float]:
-        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at s [m]."""
         place = min(max((s - self._first) / SAMPLE_SPACING, 0.0), len(self._squares) - 1.001)
         row = int(place)
         here, there = self._squares[row], self._squares[row + 1]
@@ -42,7 +42,7 @@ class Profile(Protocol):
     """Whatever limits the speed along a path."""
 
     def at(self, s: float) -> tuple[float, float]:
-        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at s [m]."""
         ...
 
 
@@ -59,7 +59,7 @@ class SpeedKeeper:
     ) -> float:
         """Return the acceleration [m/s2]; learns only while its own last answer was `governing` the car.
 
-        `speed` and `acceleration` are measured at station `s`; the command acts on what comes of them.
+        `speed` and `acceleration` are measured at `s` [m]; the command acts on what comes of them.
         """
         speed += acceleration * self._answer
         error = desired - speed

@@ -28,7 +28,7 @@ class Stanley:
     def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
         vehicle, speed = self._vehicle, deviation.speed
-        front = deviation.offset + vehicle.wheelbase * math.sin(deviation.heading_error)
+        front = deviation.d + vehicle.wheelbase * math.sin(deviation.heading_error)
         bend = math.atan(vehicle.wheelbase * deviation.curvature)
         understeer = vehicle.understeer_gradient * speed * speed * deviation.curvature
         return (

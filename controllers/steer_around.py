@@ -204,7 +204,7 @@ class SteerAround:
         That is one in comfort that is not free, and an urgent one where braking is not too late after all.
         """
         assert self._line is not None
-        if abs(sight.here.offset) > AT_PATH:
+        if abs(sight.here.d) > AT_PATH:
             return False
         useful = self._hurries if self._line.urgent else blocking and self._is_free(sight, self._keeps(sight))
         if useful:
@@ -240,28 +240,28 @@ class SteerAround:
     def _is_met(self, sight: _Sight, body: Body) -> bool:
         """Tell whether a body is in the way which the car has taken, or on its path."""
         line = self._line
-        offsets = [0.0 if line is None else line.offset(sight.first + node) for node in range(NODES)]
-        return first_met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
+        d = [0.0 if line is None else line.d_at(sight.first + node) for node in range(NODES)]
+        return first_met(sight.nodes, times_at(sight.speeds, SPACING), d, body) is not None
 
     def _keep(self, sight: _Sight) -> None:
         """Go on along the way that there is, at its speeds."""
         assert self._line is not None
-        offsets, planned = self._line.ahead(sight.first)
+        d, planned = self._line.ahead(sight.first)
         speeds = np.minimum(sight.speeds, planned).tolist()
-        self._lay(sight, LateralPlan(tuple(offsets), tuple(speeds)), urgent=False)
+        self._lay(sight, LateralPlan(tuple(d), tuple(speeds)), urgent=False)
 
     def _is_free(self, sight: _Sight, keeps: Margins) -> bool:
         """Tell whether the way that the car has is free, if less generously than a new one has to be."""
         line = self._line
         assert line is not None
-        offsets, planned = line.ahead(sight.first)
+        d, planned = line.ahead(sight.first)
         times = times_at(np.minimum(sight.speeds, planned).tolist(), SPACING)
-        return all(min(clearances(sight.nodes, times, offsets, body, keeps)) >= KEPT for body in sight.bodies)
+        return all(min(clearances(sight.nodes, times, d, body, keeps)) >= KEPT for body in sight.bodies)
 
     def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
         """Tell whether the car can still come back to its path and slow down there in comfort behind what is there."""
         bumper = sight.here.s + self._vehicle.rear_axle_to_bumper
-        back = abs(sight.here.offset) * BACK_SHARE + WAITS
+        back = abs(sight.here.d) * BACK_SHARE + WAITS
         gaps = [float(body.s.min()) - bumper - self._slowing(sight, max(body.along, 0.0)) for body in blocking]
         return min(gaps, default=-math.inf) > back
 
@@ -304,10 +304,10 @@ class SteerAround:
             return sight.speeds
         beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
         speeds = [sight.speeds[0]]
-        for station, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
+        for s, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
             faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
             slower = math.sqrt(max(speeds[-1] ** 2 - 2.0 * SLOWING * SPACING, 0.0))
-            speeds.append(min(faster, open_road, max(cap, slower) if station < beside else math.inf))
+            speeds.append(min(faster, open_road, max(cap, slower) if s < beside else math.inf))
         return speeds
 
     def _urgently(self, sight: _Sight, blocking: list[Body]) -> Planning:
@@ -378,29 +378,29 @@ class SteerAround:
 
         head, line = self._head(sight), self._line
         before: tuple[float, ...] = ()
-        if line is not None and head[-1] == line.offset(sight.first + HEAD - 1):
-            before = tuple(line.offset(sight.first + node) for node in range(NODES))
+        if line is not None and head[-1] == line.d_at(sight.first + HEAD - 1):
+            before = tuple(line.d_at(sight.first + node) for node in range(NODES))
         return Task(head, SPACING, sight.nodes.curvature.tolist(), speeds, free, limits, before)
 
     def _head(self, sight: _Sight) -> tuple[float, ...]:
-        """Return the offsets of the nodes that a new way leaves where they were: those of the old way, or the car's."""
+        """Return the d of the nodes that a new way leaves where they were: those of the old way, or the car's."""
         line, here = self._line, sight.here
         if line is not None and abs(self._off(sight)) < ASTRAY:
-            return tuple(line.offset(sight.first + node) for node in range(HEAD))
+            return tuple(line.d_at(sight.first + node) for node in range(HEAD))
         slope = math.tan(_turned(sight.observation.pose.heading - here.heading))
         slope = min(max(slope, -0.3), 0.3)
         places = (SPACING * (sight.first + node) - here.s for node in range(HEAD))
-        return tuple(here.offset + slope * place for place in places)
+        return tuple(here.d + slope * place for place in places)
 
     def _off(self, sight: _Sight) -> float:
         """Return how far the car is off its way [m]."""
         assert self._line is not None
         pose = sight.observation.pose
-        return self._line.path.project(pose.x, pose.y, self._along).offset
+        return self._line.path.project(pose.x, pose.y, self._along).d
 
     def _is_out(self, sight: _Sight) -> bool:
         """Tell whether the car has left its path already, so that it is too late to ask whether it should."""
-        return self._line is not None and abs(sight.here.offset) > 0.5 * self._vehicle.width
+        return self._line is not None and abs(sight.here.d) > 0.5 * self._vehicle.width
 
     def _keeps(self, sight: _Sight) -> Margins:
         return COMFORT if self._is_out(sight) else SETTING_OUT
@@ -410,17 +410,17 @@ class SteerAround:
 
         He is taken to be as fast as the car may be.
         """
-        offsets = np.array(plan.offsets)
-        out = np.flatnonzero(np.abs(offsets) > 0.5 * WANTED)
+        d = np.array(plan.d)
+        out = np.flatnonzero(np.abs(d) > 0.5 * WANTED)
         if not len(out):
             return True
         times = times_at(plan.speeds, SPACING)
         last = int(out[-1])
-        aside = float(offsets[np.abs(offsets).argmax()])
+        aside = float(d[np.abs(d).argmax()])
         fastest = sight.observation.desired_speed
         needed = SPACING * last + fastest * (times[last] + REACTION)
         forward, height = self._eye
-        eye = sight.here.s + forward, sight.here.offset, height
+        eye = sight.here.s + forward, sight.here.d, height
         until = min(needed, SIGHT)
         looks = np.arange(SPACING * 4, until, 3.0).tolist()
         return all(sees(eye, (sight.here.s + look, aside), blocking) for look in looks)
@@ -429,7 +429,7 @@ class SteerAround:
 
     def _adopt(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
         """Take a way; one that has come back to the path, with the car on it, ends."""
-        if max(map(abs, plan.offsets)) < ALONG_PATH and abs(sight.here.offset) < AT_PATH:
+        if max(map(abs, plan.d)) < ALONG_PATH and abs(sight.here.d) < AT_PATH:
             self._line = self._along = None
             return
         self._lay(sight, plan, urgent)
@@ -447,7 +447,7 @@ class SteerAround:
             return False
         rest = sight.here.s + self._slowing(sight, 0.0)
         node = min(round(rest / SPACING) - sight.first, NODES - 1)
-        if abs(plan.offsets[node]) > within:
+        if abs(plan.d[node]) > within:
             return False
         self._adopt(sight, plan, urgent=False)
         return True
@@ -455,8 +455,8 @@ class SteerAround:
     def _go_on(self, sight: _Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
         assert self._line is not None
-        offsets = tuple(self._line.offset(sight.first + node) for node in range(NODES))
-        self._lay(sight, LateralPlan(offsets, tuple(sight.speeds)), self._line.urgent)
+        d = tuple(self._line.d_at(sight.first + node) for node in range(NODES))
+        self._lay(sight, LateralPlan(d, tuple(sight.speeds)), self._line.urgent)
 
     def _lay(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
         self._line = WayAround.of_plan(sight.observation.path, sight.first, plan, sight.speeds, self._lateral, urgent)

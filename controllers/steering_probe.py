@@ -39,7 +39,7 @@ class Beside:
 
     def steer(self, deviation: Deviation, observation: Observation) -> float:
         """Return the road-wheel angle [rad]."""
-        return self.law.steer(deviation._replace(offset=deviation.offset - self.step), observation)
+        return self.law.steer(deviation._replace(d=deviation.d - self.step), observation)
 
 
 class Verdict:
@@ -77,7 +77,7 @@ class SteeringProbe:
         self._step, self._settled = step, settled
         self._since: float | None = None  # drive time from which the speed has been kept [s]
         self._stepped = math.inf  # drive time of the step [s]
-        self._station: float | None = None
+        self._s: float | None = None
         self._verdict, self._stable = Verdict(), False
         self.preview_tuning, self.trim_share = controller.preview_tuning, controller.trim_share
         self.delay_observer = controller.delay_observer
@@ -85,11 +85,11 @@ class SteeringProbe:
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once a tick."""
         now, pose = observation.time, observation.pose
-        here = observation.path.project(pose.x, pose.y, self._station)
-        self._station = here.s
+        here = observation.path.project(pose.x, pose.y, self._s)
+        self._s = here.s
         if now < self._stepped:
             self._wait(now, pose.speed, observation.desired_speed)
-        self._stable = self._stable or self._verdict.step(now - self._stepped, here.offset - self._step)
+        self._stable = self._stable or self._verdict.step(now - self._stepped, here.d - self._step)
         command = self._controller.step(observation)
         if self._stable:
             return ControlCommand(command.steering, DECELERATION, note="stable")

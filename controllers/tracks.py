@@ -1,6 +1,6 @@
 """Turns a sensor's detections into things on the path: where along it, how fast, how far beside it.
 
-Every thing is kept by its station on the path, so what stands still keeps its place while the car moves, and
+Every thing is kept by its s along the path, so what stands still keeps its place while the car moves, and
 averages its noise away. It must not know what is done about the things.
 """
 
@@ -31,7 +31,7 @@ from .parting import goes_past
 from .sightings import RATE_SIGMA, Memory, Radar, Sense, Sighting, sightings
 from .trend import Trend
 
-#: of an offset's variance is the radar's own noise, the rest is caution: the bank takes no caution in
+#: of the variance of d is the radar's own noise, the rest is caution: the bank takes no caution in
 NOISE_SHARE: Final = 0.8
 AGILITY: Final = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT: Final = 0.02  #: of a target that keeps its place across the path [m2/s]
@@ -77,7 +77,7 @@ class Target(NamedTuple):
 
 
 class Track:
-    """Kalman filters: on station and speed, on the lateral offset of what keeps its place, and of what crosses.
+    """Kalman filters: on s and speed, on the d of what keeps its place, and of what crosses.
 
     What crosses has a second one, a bank over its speeds: one speed and its variance foretell the place of a thing that
     crosses anyhow, the bank also says how probable it is that one who stands or keeps its lane comes at all. The last
@@ -85,17 +85,17 @@ class Track:
     """
 
     __slots__ = (
-        "across", "bank", "foreseen", "hits", "in_way", "lane", "offset", "offset_variance", "p_s", "p_sv", "p_v",
+        "across", "bank", "d", "d_variance", "foreseen", "hits", "in_way", "lane", "p_s", "p_sv", "p_v",
         "pace", "paced", "part_until", "probability", "s", "seen", "slide", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
         self.time = self.seen = time
-        self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
+        self.s, self.d, self.d_variance = sighting.s, sighting.d, sighting.d_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
-        self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
-        self.bank = Bank(sighting.offset, sighting.offset_variance, WALKERS)
-        self.lane = KeptPlace(time, sighting.offset, sighting.offset_variance)
+        self.across = Trend(sighting.d, sighting.d_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
+        self.bank = Bank(sighting.d, sighting.d_variance, WALKERS)
+        self.lane = KeptPlace(time, sighting.d, sighting.d_variance)
         self.slide = sighting.slide
         self.foreseen, self.probability = False, 1.0  # as `Target` has them
         self.p_s, self.p_sv = sighting.range_variance, 0.0
@@ -112,7 +112,7 @@ class Track:
         self.p_s += dt * (2.0 * self.p_sv + dt * self.p_v) + AGILITY * dt**3 / 3.0
         self.p_sv += dt * self.p_v + AGILITY * dt * dt / 2.0
         self.p_v += AGILITY * dt
-        self.offset_variance += DRIFT * dt
+        self.d_variance += DRIFT * dt
         self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
         habits = LANE_CHANGERS if self.drives else WALKERS
@@ -131,13 +131,13 @@ class Track:
         if not off_s < GATE**2:
             return math.inf
         across = self.across
-        side_variance = across.variance + sighting.offset_variance
-        off_side = (sighting.offset - across.value) ** 2 / side_variance
+        side_variance = across.variance + sighting.d_variance
+        off_side = (sighting.d - across.value) ** 2 / side_variance
         if off_side >= GATE**2:
             # One who sets out or stops is where the bank has it before it is where the one filter has it.
             place, variance = self.bank.spread()
-            side_variance = variance + sighting.offset_variance
-            off_side = (sighting.offset - place) ** 2 / side_variance
+            side_variance = variance + sighting.d_variance
+            off_side = (sighting.d - place) ** 2 / side_variance
         speed_variance, off_speed = self.p_v + RATE_SIGMA**2, 0.0
         if not math.isnan(sighting.speed):
             speed_variance = self.p_v + self._rate_variance(sighting)
@@ -150,12 +150,12 @@ class Track:
         """Take a sighting in."""
         self.hits += 1
         self.seen, self.slide = self.time, sighting.slide
-        gain = self.offset_variance / (self.offset_variance + sighting.offset_variance)
-        self.offset += gain * (sighting.offset - self.offset)
-        self.offset_variance *= 1.0 - gain
-        self.across.update(sighting.offset, sighting.offset_variance)
-        self.bank.update(sighting.offset, NOISE_SHARE * sighting.offset_variance)
-        self.lane.update(self.time, sighting.offset, sighting.offset_variance)
+        gain = self.d_variance / (self.d_variance + sighting.d_variance)
+        self.d += gain * (sighting.d - self.d)
+        self.d_variance *= 1.0 - gain
+        self.across.update(sighting.d, sighting.d_variance)
+        self.bank.update(sighting.d, NOISE_SHARE * sighting.d_variance)
+        self.lane.update(self.time, sighting.d, sighting.d_variance)
         total = self.p_s + self._place_variance(sighting)
         gain_s, gain_v = self.p_s / total, self.p_sv / total
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
@@ -180,12 +180,12 @@ class Track:
 
     def may_reach_to(self, sighting: Sighting) -> bool:
         """Whether it is a vehicle that comes nearer or crosses, or a part of one, as long as to reach to a sighting."""
-        near = math.hypot(sighting.s - self.s, sighting.offset - self.across.value) < BUS
+        near = math.hypot(sighting.s - self.s, sighting.d - self.across.value) < BUS
         moves = math.hypot(self.speed, self.across.rate) > DRIVES and not self.drives
         return near and (self.time < self.part_until or (self.hits >= CONFIRMED and moves))
 
     def _place_variance(self, sighting: Sighting) -> float:
-        """Of the station that a sighting stands for [m2]: of a car far to the side the seen point is on its flank.
+        """Of the s that a sighting stands for [m2]: of a car far to the side the seen point is on its flank.
 
         The field of view ends there, and the point that is nearest of what is left goes along with the own car.
         """
@@ -196,7 +196,7 @@ class Track:
         return sighting.rate_variance + sighting.skew**2 * self.across.rate_variance
 
     def _correct(self, error: float, gain_s: float, gain_v: float, seen_s: float, seen_v: float) -> None:
-        """Kalman correction by a scalar whose covariances with station and speed are `seen_s` and `seen_v`."""
+        """Kalman correction by a scalar whose covariances with s and speed are `seen_s` and `seen_v`."""
         self.s += gain_s * error
         self.speed += gain_v * error
         self.p_s, self.p_sv, self.p_v = (
@@ -248,12 +248,12 @@ class Tracker:
         """The tracks that count, each as of the newest scan."""
         return [track for track in self._tracks if track.hits >= CONFIRMED]
 
-    def dangers(self, time: float, station: float) -> list[Target]:
-        """Return all that the car would meet, or may, at a time [s] with its rear axle at a station [m].
+    def dangers(self, time: float, ego_s: float) -> list[Target]:
+        """Return all that the car would meet, or may, at a time [s] with its rear axle at `ego_s` [m].
 
         Unlike the nearest in the way: who is about to cross is among them, who will have crossed is not.
         """
-        bumper = station + self._vehicle.rear_axle_to_bumper
+        bumper = ego_s + self._vehicle.rear_axle_to_bumper
         return [_danger(track, time, bumper) for track in self._dangers]
 
     def _take_in(self, time: float, sightings: list[Sighting]) -> None:
@@ -289,9 +289,9 @@ class Tracker:
     def _judge(self, corridor: Corridor, age: float) -> None:
         for track in self._tracks:
             # In: surely inside the band, by one standard deviation. Out: clear of it by the hysteresis.
-            shift = -HYSTERESIS if track.in_way else math.sqrt(track.offset_variance)
-            outward = max(abs(track.offset) + shift, 0.0)
-            is_in = corridor.contains(track.s, math.copysign(outward, track.offset))
+            shift = -HYSTERESIS if track.in_way else math.sqrt(track.d_variance)
+            outward = max(abs(track.d) + shift, 0.0)
+            is_in = corridor.contains(track.s, math.copysign(outward, track.d))
             track.in_way = is_in or (track.drives and _is_coming(track, corridor, age))
 
     def _nearest(self, time: float, bumper: float) -> Target | None:
@@ -332,7 +332,7 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
     moves = crosses(across, COMES_OVER if drives else CROSSES)
-    if not moves and _is_inside(track, corridor, track.offset, track.offset_variance):
+    if not moves and _is_inside(track, corridor, track.d, track.d_variance):
         return True
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
@@ -383,6 +383,6 @@ def _walks_in(track: Track, left: float, right: float, arrival: float, was_fores
     return probability_in(track.bank, left, right, 0.0, until) >= FORESEEN_UNTIL
 
 
-def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:
+def _is_inside(track: Track, corridor: Corridor, d: float, variance: float) -> bool:
     """Tell whether it is in the band by two standard deviations."""
-    return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
+    return corridor.contains(track.s, math.copysign(abs(d) + 2.0 * math.sqrt(variance), d))

@@ -53,13 +53,16 @@ class SteeringTrim:
         self._time, self._least = look_ahead_time, look_ahead_least
         self.angle = 0.0  #: road-wheel angle to add [rad]
 
-    def step(self, offset: float, speed: float, period: float, saturated: bool) -> float:
-        """Advance by a period [s]; while the steering is saturated nothing is learnt."""
+    def step(self, d: float, speed: float, period: float, saturated: bool) -> float:
+        """Advance by a period [s]; `d` is the rear axle's [m], left positive.
+
+        While the steering is saturated nothing is learnt.
+        """
         if speed > MIN_SPEED and not saturated:
             look_ahead = max(self._least, self._time * speed)
             rate = self._gain / (look_ahead * look_ahead * look_ahead)
             if self._washout_time is not None:
                 rate = min(rate, slow_rate(self._vehicle, self._share, self._washout_time, speed))
-            learnt = self.angle - rate * clamp(offset, -MAX_OFFSET, MAX_OFFSET) * speed * period
+            learnt = self.angle - rate * clamp(d, -MAX_OFFSET, MAX_OFFSET) * speed * period
             self.angle = clamp(learnt, -LIMIT, LIMIT)
         return self.angle

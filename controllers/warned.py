@@ -31,7 +31,7 @@ class Crosser(NamedTuple):
 
     number: int  #: of the station; negative for who is told of by another
     s: float  #: along the path [m]
-    offset: float  #: to the left of the path [m]
+    d: float  #: to the left of the path [m]
     along: float  #: speed along the path [m/s]
     across: float  #: speed across the path, to the left [m/s]
     half_along: float  #: of its body, along the path [m]
@@ -84,7 +84,7 @@ class Warned:
         left, right = self._corridor.half_widths(one.s)
         # Counted in the way it goes: where it is, where the band begins and ends.
         sign = math.copysign(1.0, one.across)
-        now, begins, ends = sign * one.offset, *((-right, left) if sign > 0.0 else (-left, right))
+        now, begins, ends = sign * one.d, *((-right, left) if sign > 0.0 else (-left, right))
         pace = abs(one.across)
         enters = max(begins - one.half_across - now, 0.0) / pace
         leaves = (ends + one.half_across - now) / pace
@@ -118,9 +118,9 @@ def _crossers(
     for ahead, aside, speed, age, (east, north) in columns:
         x.append(bumper_x + ahead * cos - aside * sin + speed * age * east)
         y.append(bumper_y + ahead * sin + aside * cos + speed * age * north)
-    places, offsets = path.locate(np.array(x), np.array(y), s, s + HORIZON)
-    for row, (at_s, offset) in enumerate(zip(places.tolist(), offsets.tolist(), strict=True)):
-        if not (math.isfinite(at_s) and math.isfinite(offset)):
+    places, places_d = path.locate(np.array(x), np.array(y), s, s + HORIZON)
+    for row, (at_s, d) in enumerate(zip(places.tolist(), places_d.tolist(), strict=True)):
+        if not (math.isfinite(at_s) and math.isfinite(d)):
             continue
         turn = float(heading[row]) - path.at(at_s).heading
         speed, length, width = float(heard.speed[row]), float(heard.length[row]), float(heard.width[row])
@@ -132,7 +132,7 @@ def _crossers(
             Crosser(
                 numbers[row],
                 at_s,
-                offset,
+                d,
                 speed * math.cos(turn),
                 across,
                 0.5 * (length * lengthwise + width * sideways),

@@ -34,7 +34,7 @@ class WayAround(NamedTuple):
     """A way around; its nodes lie at whole multiples of SPACING along the scenario's path."""
 
     first: int  #: number of the first node
-    offsets: tuple[float, ...]  #: [m]
+    d: tuple[float, ...]  #: at the nodes [m], left positive
     times: tuple[float, ...]  #: at which the car is at the nodes if it takes the planned speeds [s]
     path: ReferencePath
     profile: Profile
@@ -51,10 +51,10 @@ class WayAround(NamedTuple):
         [m/s2] that bends allow in comfort.
         """
         x, y = [], []
-        for node, offset in enumerate(plan.offsets):
+        for node, d in enumerate(plan.d):
             point = path.at(SPACING * (first + node))
-            x.append(point.x - offset * math.sin(point.heading))
-            y.append(point.y + offset * math.cos(point.heading))
+            x.append(point.x - d * math.sin(point.heading))
+            y.append(point.y + d * math.cos(point.heading))
         way = ReferencePath.from_points(x, y, rounds=0)
         profile = SpeedProfile(way, max(URGENT_ACCELERATION if urgent else lateral, lateral) * 1.1)
         speeds = [min(v, profile.at(SPACING * node)[0]) for node, v in enumerate(plan.speeds)]
@@ -62,23 +62,23 @@ class WayAround(NamedTuple):
         if not urgent and any(planned < open_road - 0.1 for planned, open_road in zip(plan.speeds, usual, strict=True)):
             kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
         commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
-        return cls(first, plan.offsets, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent)
+        return cls(first, plan.d, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent)
 
     def commanded_from(self, node: int) -> CommandedPath:
         """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
-        behind = min(max(node - self.first, 0), len(self.offsets) - 2)
+        behind = min(max(node - self.first, 0), len(self.d) - 2)
         x, y, speed = self.commanded.x, self.commanded.y, self.commanded.speed
         return CommandedPath(x[behind:], y[behind:], speed[behind:])
 
     def ahead(self, first: int) -> tuple[list[float], list[float]]:
-        """Return the offsets [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
-        last = len(self.offsets) - 1
+        """Return the d [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
+        last = len(self.d) - 1
         own = [min(max(first + node - self.first, 0), last) for node in range(NODES)]
-        return [self.offsets[node] for node in own], [self.commanded.speed[node] for node in own]
+        return [self.d[node] for node in own], [self.commanded.speed[node] for node in own]
 
-    def offset(self, node: int) -> float:
-        """Return the offset at a node by its number [m]; beyond the end that at the end."""
-        return self.offsets[min(max(node - self.first, 0), len(self.offsets) - 1)]
+    def d_at(self, node: int) -> float:
+        """Return d at a node by its number [m]; beyond the end that at the end."""
+        return self.d[min(max(node - self.first, 0), len(self.d) - 1)]
 
     def met(
         self, bodies: Iterable[Body], vehicle: Vehicle, here: PathProjection, speed: float
@@ -87,7 +87,7 @@ class WayAround(NamedTuple):
         s = SPACING * (self.first + np.arange(NODES))
         ahead = s >= here.s - SPACING
         nodes = Nodes.of(vehicle, s[ahead], np.zeros(int(ahead.sum())))
-        offsets = np.array(self.offsets)[ahead].tolist()
+        d = np.array(self.d)[ahead].tolist()
         steady = ((nodes.s - here.s).clip(min=0.0) / max(speed, 0.5)).tolist()
         planned = steady if self.urgent else self._planned(here, ahead)
         bumper, nearest, dangers = here.s + vehicle.rear_axle_to_bumper, None, []
@@ -95,11 +95,11 @@ class WayAround(NamedTuple):
             gap = float(body.s.min()) - bumper
             if float(body.s.max()) < here.s - vehicle.rear_overhang:
                 continue
-            node = first_met(nodes, steady, offsets, body)
+            node = first_met(nodes, steady, d, body)
             if node is not None and steady[node] < HORIZON:
                 dangers.append(_target(body, gap, steady[node]))
             # At its present speed the car may overtake who goes along too late for this way, or never.
-            node = first_met(nodes, planned, offsets, body, 0.0 if self.urgent else NEAR)
+            node = first_met(nodes, planned, d, body, 0.0 if self.urgent else NEAR)
             if node is not None and (nearest is None or gap < nearest.gap):
                 nearest = _target(body, gap, planned[node])
         return nearest, dangers
@@ -128,11 +128,9 @@ class _Kept(NamedTuple):
         return (speed, along) if speed * speed <= square else (math.sqrt(square), (there - here) / (2.0 * SPACING))
 
 
-def first_met(
-    nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, within: float = 0.0
-) -> int | None:
+def first_met(nodes: Nodes, times: Sequence[float], d: Sequence[float], body: Body, within: float = 0.0) -> int | None:
     """Return the first node at which the car comes `within` a distance [m] of a body on a way, None for nowhere."""
-    away = clearances(nodes, times, offsets, body, CONTACT)
+    away = clearances(nodes, times, d, body, CONTACT)
     return next((node for node, clear in enumerate(away) if clear < within), None)
 
 

@@ -35,7 +35,7 @@ def test_every_signal_is_what_cantools_reads(file):
         for signal in described.signals:
             own = message.signals[signal.name]
             assert (own.length, own.scale, own.offset) == (signal.length, signal.scale, signal.offset)
-            assert (own.least < 0, own.unit) == (signal.is_signed, signal.unit or "")
+            assert (own.min_count < 0, own.unit) == (signal.is_signed, signal.unit or "")
             assert (own.minimum, own.maximum) == (signal.minimum or 0.0, signal.maximum or 0.0)
             assert own.choices == {count: str(name) for count, name in (signal.choices or {}).items()}
             assert own.switch == signal.is_multiplexer

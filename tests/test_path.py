@@ -48,8 +48,8 @@ def test_two_points_make_a_straight_line_that_goes_on():
     assert path.length == pytest.approx(5.0)
     assert path.at(-5.0)[:2] == pytest.approx((-2.0, -2.0))
     assert path.at(10.0)[:2] == pytest.approx((7.0, 10.0))
-    station = path.project(7.0 - 0.8, 10.0 + 0.6, 5.0)
-    assert (station.s, station.offset, station.curvature) == pytest.approx((10.0, 1.0, 0.0))
+    projection = path.project(7.0 - 0.8, 10.0 + 0.6, 5.0)
+    assert (projection.s, projection.d, projection.curvature) == pytest.approx((10.0, 1.0, 0.0))
 
 
 @settings(max_examples=30, deadline=None)
@@ -67,16 +67,16 @@ def test_slope_and_curvature_are_continuous_and_the_speed_is_one(seed: int):
 
 @settings(max_examples=100, deadline=None)
 @given(st.floats(0.0, 1.0), st.floats(-4.0, 4.0), st.floats(-3.0, 3.0))
-def test_projection_is_the_nearest_point_by_brute_force(share: float, offset: float, wrong: float):
+def test_projection_is_the_nearest_point_by_brute_force(share: float, d: float, wrong: float):
     path = winding()
     s = share * path.length
     point = path.at(s)
-    x, y = point.x - offset * math.sin(point.heading), point.y + offset * math.cos(point.heading)
+    x, y = point.x - d * math.sin(point.heading), point.y + d * math.cos(point.heading)
     found = path.project(x, y, s + wrong)
-    assert (found.s, found.offset) == pytest.approx((s, offset), abs=1e-5)
+    assert (found.s, found.d) == pytest.approx((s, d), abs=1e-5)
     dense = np.array([path.at(float(t))[:2] for t in np.linspace(s - 8.0, s + 8.0, 1601)])
     nearest = np.hypot(dense[:, 0] - x, dense[:, 1] - y).min()
-    assert abs(found.offset) == pytest.approx(nearest, abs=1e-4)
+    assert abs(found.d) == pytest.approx(nearest, abs=1e-4)
     assert (found.heading, found.curvature) == pytest.approx((path.at(s).heading, path.at(s).curvature), abs=1e-5)
 
 
@@ -85,7 +85,7 @@ def test_near_tells_the_branches_of_a_crossing_apart():
     path = ReferencePath.from_points(30.0 * np.sin(t), 30.0 * np.sin(2.0 * t))
     first, second = path.project(0.0, 0.0, 0.25 * path.length), path.project(0.0, 0.0, 0.75 * path.length)
     assert second.s - first.s > 0.4 * path.length
-    assert (first.offset, second.offset) == pytest.approx((0.0, 0.0), abs=1e-3)
+    assert (first.d, second.d) == pytest.approx((0.0, 0.0), abs=1e-3)
     assert math.cos(first.heading - second.heading) == pytest.approx(0.6, abs=1e-3)  # (1, 2) and (-1, 2)
 
 
@@ -97,20 +97,20 @@ def test_without_a_hint_a_round_course_begins_at_its_start():
 
 def test_locate_agrees_with_projection_and_refuses_what_is_outside():
     path, random = winding(), np.random.default_rng(4)
-    stations, offsets = random.uniform(-20.0, path.length + 60.0, 300), random.uniform(-5.0, 5.0, 300)
-    points = [path.at(float(s)) for s in stations]
-    x = np.array([p.x - o * math.sin(p.heading) for p, o in zip(points, offsets, strict=True)])
-    y = np.array([p.y + o * math.cos(p.heading) for p, o in zip(points, offsets, strict=True)])
-    found_s, found_offset = path.locate(x, y, -25.0, path.length + 70.0)
-    np.testing.assert_allclose(found_s, stations, atol=0.02)
-    np.testing.assert_allclose(found_offset, offsets, atol=0.01)
-    only_s, only_offset = path.locate(x, y, 20.0, 40.0)
-    inside = (stations > 20.1) & (stations < 39.9)
-    far = (stations < 10.0) | (stations > 50.0)
+    at_s, at_d = random.uniform(-20.0, path.length + 60.0, 300), random.uniform(-5.0, 5.0, 300)
+    points = [path.at(float(s)) for s in at_s]
+    x = np.array([p.x - o * math.sin(p.heading) for p, o in zip(points, at_d, strict=True)])
+    y = np.array([p.y + o * math.cos(p.heading) for p, o in zip(points, at_d, strict=True)])
+    found_s, found_d = path.locate(x, y, -25.0, path.length + 70.0)
+    np.testing.assert_allclose(found_s, at_s, atol=0.02)
+    np.testing.assert_allclose(found_d, at_d, atol=0.01)
+    only_s, only_d = path.locate(x, y, 20.0, 40.0)
+    inside = (at_s > 20.1) & (at_s < 39.9)
+    far = (at_s < 10.0) | (at_s > 50.0)
     assert inside.sum() > 30
-    np.testing.assert_allclose(only_s[inside], stations[inside], atol=0.02)
+    np.testing.assert_allclose(only_s[inside], at_s[inside], atol=0.02)
     assert np.isnan(only_s[far]).all()
-    assert np.isnan(only_offset[far]).all()
+    assert np.isnan(only_d[far]).all()
 
 
 def test_many_points_are_projected_each_near_its_own_place():
@@ -118,14 +118,14 @@ def test_many_points_are_projected_each_near_its_own_place():
     random, angles = np.random.default_rng(5), np.linspace(0.0, 2.0 * math.pi, 200)[:-1]
     crossing = ReferencePath.from_points(40.0 * np.sin(angles), 20.0 * np.sin(2.0 * angles))
     for path in (winding(), crossing):
-        stations, offsets = random.uniform(-20.0, path.length + 20.0, 300), random.uniform(-3.0, 3.0, 300)
-        points = [path.at(float(s)) for s in stations]
-        x = np.array([p.x - o * math.sin(p.heading) for p, o in zip(points, offsets, strict=True)])
-        y = np.array([p.y + o * math.cos(p.heading) for p, o in zip(points, offsets, strict=True)])
-        s, d, heading = path.project_many(x, y, stations + random.uniform(-4.0, 4.0, 300), 10.0)
-        single = [path.project(*place) for place in zip(x.tolist(), y.tolist(), stations.tolist(), strict=True)]
+        at_s, at_d = random.uniform(-20.0, path.length + 20.0, 300), random.uniform(-3.0, 3.0, 300)
+        points = [path.at(float(s)) for s in at_s]
+        x = np.array([p.x - o * math.sin(p.heading) for p, o in zip(points, at_d, strict=True)])
+        y = np.array([p.y + o * math.cos(p.heading) for p, o in zip(points, at_d, strict=True)])
+        s, d, heading = path.project_many(x, y, at_s + random.uniform(-4.0, 4.0, 300), 10.0)
+        single = [path.project(*place) for place in zip(x.tolist(), y.tolist(), at_s.tolist(), strict=True)]
         np.testing.assert_allclose(s, [one.s for one in single], atol=0.02)
-        np.testing.assert_allclose(d, [one.offset for one in single], atol=0.01)
+        np.testing.assert_allclose(d, [one.d for one in single], atol=0.01)
         turned = heading - np.array([one.heading for one in single])
         np.testing.assert_allclose(np.remainder(turned + math.pi, math.tau), math.pi, atol=0.01)
 
@@ -149,15 +149,15 @@ def test_the_corridor_covers_what_the_body_sweeps_and_little_more():
         corners = [(-REAR, -WIDTH / 2), (FRONT, -WIDTH / 2), (FRONT, WIDTH / 2), (-REAR, WIDTH / 2)]
         bodies.append(Polygon([(point.x + a * cos - b * sin, point.y + a * sin + b * cos) for a, b in corners]))
     swept = np.array(unary_union(bodies).exterior.segmentize(0.5).coords)
-    s, offset = path.locate(swept[:, 0], swept[:, 1], 4.0, path.length - 4.0)
-    for at_s, at_offset in zip(s[~np.isnan(s)], offset[~np.isnan(s)], strict=True):
+    s, d = path.locate(swept[:, 0], swept[:, 1], 4.0, path.length - 4.0)
+    for at_s, at_d in zip(s[~np.isnan(s)], d[~np.isnan(s)], strict=True):
         left, right = corridor.half_widths(float(at_s))
-        assert -right - 0.03 <= at_offset <= left + 0.03
+        assert -right - 0.03 <= at_d <= left + 0.03
     # On the steady part of a bend the band is exact.
     bend = 20.0 + 6.0 + 12.0
     on_bend = np.abs(s - bend) < 2.0
-    assert offset[on_bend].min() == pytest.approx(-corridor.half_widths(bend)[1], abs=0.03)
-    assert offset[on_bend].max() == pytest.approx(corridor.half_widths(bend)[0], abs=0.03)
+    assert d[on_bend].min() == pytest.approx(-corridor.half_widths(bend)[1], abs=0.03)
+    assert d[on_bend].max() == pytest.approx(corridor.half_widths(bend)[0], abs=0.03)
 
 
 def test_the_corridor_has_no_room_for_nan():
@@ -173,12 +173,12 @@ def test_noise_is_smoothed_away():
     turns = np.linspace(0.0, 2.0, 100)
     x, y = 50.0 * np.sin(turns), 50.0 * (1.0 - np.cos(turns))
     noisy = x + random.normal(0.0, 0.02, 100), y + random.normal(0.0, 0.02, 100)
-    stations = np.linspace(5.0, 95.0, 91)
+    places_s = np.linspace(5.0, 95.0, 91)
     rough, smooth = ReferencePath.from_points(*noisy), ReferencePath.from_points(*noisy, noise=0.02)
-    error = [max(abs(path.at(float(s)).curvature - 0.02) for s in stations) for path in (rough, smooth)]
+    error = [max(abs(path.at(float(s)).curvature - 0.02) for s in places_s) for path in (rough, smooth)]
     assert error[0] > 0.03
     assert error[1] < 0.006
-    assert max(abs(math.hypot(p.x, p.y - 50.0) - 50.0) for p in map(smooth.at, stations.tolist())) < 0.04
+    assert max(abs(math.hypot(p.x, p.y - 50.0) - 50.0) for p in map(smooth.at, places_s.tolist())) < 0.04
 
 
 def test_a_path_travels_to_another_process_unchanged():

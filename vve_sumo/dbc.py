@@ -32,8 +32,8 @@ class Signal:
     shift: int  #: bits below it, in the message's bytes taken as one number in its byte order; beyond them: no room
     mask: int  #: as many ones as it has bits
     signed: bool  #: two's complement
-    least: int  #: count that its bits hold
-    greatest: int
+    min_count: int  #: least count that its bits hold
+    max_count: int  #: greatest one
     scale: float  #: of one count
     offset: float  #: what a count of 0 stands for
     minimum: float  #: of its values
@@ -46,7 +46,7 @@ class Signal:
     def count(self, bits: int) -> int:
         """Return the count that the message's number carries."""
         count = bits >> self.shift & self.mask
-        return count - self.mask - 1 if count > self.greatest else count
+        return count - self.mask - 1 if count > self.max_count else count
 
     def put(self, value: float) -> int:
         """Return the message's number with the bits that carry a value; one out of range saturates.
@@ -54,10 +54,10 @@ class Signal:
         Raises ValueError for a number that is not finite.
         """
         count = (value - self.offset) / self.scale
-        if not self.least <= count <= self.greatest:
+        if not self.min_count <= count <= self.max_count:
             if not math.isfinite(value):
                 raise ValueError(f"a signal carries finite numbers only, got {value}")
-            count = self.least if count < self.least else self.greatest
+            count = self.min_count if count < self.min_count else self.max_count
         return (round(count) & self.mask) << self.shift
 
     def get(self, bits: int) -> float:

@@ -63,7 +63,7 @@ class PathProjection(NamedTuple):
     """The Frenet coordinates of a point, and the path at the foot of the perpendicular from it."""
 
     s: float  #: arc length of the foot from the path's start [m]; below 0 before the start, above length past the end
-    offset: float  #: lateral deviation d of the point from the path [m], left positive
+    d: float  #: lateral deviation of the point from the path [m], left positive
     heading: float  #: of the path at the foot [rad], counter-clockwise from map +x
     curvature: float  #: of the path at the foot [1/m], left turn positive
 
@@ -108,7 +108,7 @@ class Samples(NamedTuple):
 class ReferencePath:
     """A curve of cubic pieces over arc length with continuous position, slope and curvature.
 
-    The path goes on straight before its start and beyond its end. Stations (s) are arc lengths: between the points
+    The path goes on straight before its start and beyond its end. An s is an arc length: between the points
     the parameter equals arc length to about a part in a thousand, and at the points better.
     """
 
@@ -197,8 +197,8 @@ class ReferencePath:
                 break
             s += min(NEWTON_MAX_STEP, max(-NEWTON_MAX_STEP, step))
         speed = math.sqrt(speed_squared)
-        offset = (dx * ty - dy * tx) / speed
-        foot = PathProjection(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
+        d = (dx * ty - dy * tx) / speed
+        foot = PathProjection(s, d, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
         self._projected = asked, foot
         return foot
 
@@ -219,10 +219,10 @@ class ReferencePath:
         along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
         slope = 1.0 - bend * across
         arc = along / (slope if slope > NEWTON_MIN_SLOPE else NEWTON_MIN_SLOPE)
-        offset = across - 0.5 * bend * along * arc
+        d = across - 0.5 * bend * along * arc
         turned = heading - path_heading - bend * arc
         # The remainder of infinity, at a place beyond all places, is an error in Python and not NaN.
-        return s + arc, offset, math.remainder(turned, math.tau) if math.isfinite(turned) else math.nan, bend
+        return s + arc, d, math.remainder(turned, math.tau) if math.isfinite(turned) else math.nan, bend
 
     def locate(self, x: Floats, y: Floats, s_from: float, s_to: float) -> tuple[Floats, Floats]:
         """Return s [m] and d (left positive) [m] of many map points, shape (n,), at once.
@@ -235,9 +235,9 @@ class ReferencePath:
         last = min(max(int((s_to + EXTENSION) / SAMPLE_SPACING) + 2, first + 2), len(table.s))
         sx, sy = table.x[first:last], table.y[first:last]
         nearest = first + np.argmin((x[:, None] - sx) ** 2 + (y[:, None] - sy) ** 2, axis=1)
-        s, offset, _arc = table.project(x, y, nearest)
+        s, d, _arc = table.project(x, y, nearest)
         outside = (s < s_from) | (s > s_to)
-        return np.where(outside, math.nan, s), np.where(outside, math.nan, offset)
+        return np.where(outside, math.nan, s), np.where(outside, math.nan, d)
 
     def project_many(self, x: Floats, y: Floats, near: Floats, window: float) -> tuple[Floats, Floats, Floats]:
         """Return s [m], d (left positive) [m] and path heading [rad] of map points, shape (n,).
@@ -297,10 +297,10 @@ class Corridor:
         row = min(max(round((s + EXTENSION) / SAMPLE_SPACING), 0), len(self._left) - 1)
         return self._left[row], self._right[row]
 
-    def contains(self, s: float, offset: float) -> bool:
-        """Return whether a point at `s` and lateral deviation `offset` [m] lies in the band; NaN does not."""
+    def contains(self, s: float, d: float) -> bool:
+        """Return whether a point at `s` and `d` [m], left positive, lies in the band; NaN does not."""
         left, right = self.half_widths(s) if math.isfinite(s) else (math.nan, math.nan)
-        return -right <= offset <= left
+        return -right <= d <= left
 
 
 def swept_half_widths(curvature: ArrayLike, front: float, width: float) -> tuple[Floats, Floats]:

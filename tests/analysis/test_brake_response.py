@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.analysis import made
-from tests.drive.street import altered, obstacle_station
+from tests.drive.street import altered, obstacle_s
 from tests.exhaustive import with_slow
 from tests.isolated import REPOSITORY, isolated
 from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, TimeInterval, brake_answer
@@ -214,7 +214,7 @@ def _drive(folder: Path) -> None:
             return replace(parameters, vehicle=brakes)
 
         lockstep.car_parameters = late
-        at = obstacle_station(speed, 20.0) if speed < 7.0 else obstacle_station(speed)
+        at = obstacle_s(speed, 20.0) if speed < 7.0 else obstacle_s(speed)
         changes = {
             "seed": seed,
             "duration_s": 200.0,

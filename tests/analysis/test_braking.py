@@ -16,14 +16,14 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.values import Floats
 
 A, V, RISE = 4.0, 12.0, 0.5
-STATION = 100.0
+START_S = 100.0
 
 
 def record(folder: Path, columns: Columns, **changes: Any) -> Path:
-    """A record of a car that brakes on the path from STATION on, and of a car that stands in its way at 180 m."""
+    """A record of a car that brakes on the path from START_S on, and of a car that stands in its way at 180 m."""
     granted, speed, acceleration = columns
     time = made.PERIOD * np.arange(len(speed))
-    x = STATION + np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * made.PERIOD)))
+    x = START_S + np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * made.PERIOD)))
     rows = [
         row | {"granted_acceleration_mps2": g, "true_acceleration_mps2": a, "state": "engaged"}
         for row, g, a in zip(made.moving(time, x, speed), granted.tolist(), acceleration.tolist(), strict=True)
@@ -43,7 +43,7 @@ def test_a_stop_has_its_times_and_the_gap_that_was_left(tmp_path: Path) -> None:
     run = Run(record(tmp_path / "record", braked(V, A, 0.1, RISE)))
     stop = stop_in(run)
     way = V * 1.0 + laws.stopping_distance(V, A, 0.1, RISE)
-    gap = 180.0 - made.BOX["length_m"] / 2.0 - (STATION + way + run.vehicle.rear_axle_to_bumper)
+    gap = 180.0 - made.BOX["length_m"] / 2.0 - (START_S + way + run.vehicle.rear_axle_to_bumper)
     assert (stop.onset_s, stop.onset_speed, stop.demand) == pytest.approx((1.0, V, A))
     assert stop.rest_s == pytest.approx(1.0 + laws.stopping_time(V, A, 0.1, RISE), abs=made.PERIOD)
     assert stop.gap == pytest.approx(gap, abs=5e-3)

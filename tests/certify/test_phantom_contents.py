@@ -34,8 +34,8 @@ def car(time: float, phantom: Phantom, curvature: float) -> Actors:
     """A true car where plane geometry has the phantom: its rear on the circle that the ego drives."""
     driven = SPEED * BEGINS + BUMPER + phantom.ahead + phantom.speed * (time - BEGINS)
     rear = pose(driven / SPEED, curvature)
-    x = rear.x - phantom.offset * math.sin(rear.heading) + 0.5 * LENGTH * math.cos(rear.heading)
-    y = rear.y + phantom.offset * math.cos(rear.heading) + 0.5 * LENGTH * math.sin(rear.heading)
+    x = rear.x - phantom.d * math.sin(rear.heading) + 0.5 * LENGTH * math.cos(rear.heading)
+    y = rear.y + phantom.d * math.cos(rear.heading) + 0.5 * LENGTH * math.sin(rear.heading)
     row = [np.array([one]) for one in (x, y, rear.heading, phantom.speed, LENGTH, WIDTH, 10.0, 0.0, HEIGHT)]
     return Actors(time, ("car",), *row, np.zeros(1, np.int8))
 
@@ -57,8 +57,8 @@ def outputs(kind: str, settings: dict[str, Any], phantom: Phantom | None, curvat
 
 def altered(now: float, output: Any, fault: Any, curvature: float) -> Any:
     """What a wire of the sensor carries under a fault."""
-    there: dict[str, Any] = {"lists": {}, "heard": {}, "turns": {}}
-    name = {CameraObjects: "lists", Stations: "heard", PointCloud: "turns"}[type(output)]
+    there: dict[str, Any] = {"lists": {}, "stations_by_receiver": {}, "turns": {}}
+    name = {CameraObjects: "lists", Stations: "stations_by_receiver", PointCloud: "turns"}[type(output)]
     there[name] = {"other": turn_of(output) if name == "turns" else output}
     content = SampleContent(
         no_fix(now, now), pose(now, curvature), NO_SCAN, math.inf, Actors.none(now), **there

@@ -396,7 +396,7 @@ class _Drive:
             if isinstance(output, CameraObjects):
                 content = replace(content, lists={OTHER_SENSORS[kind]: output})
             elif isinstance(output, Stations):
-                content = replace(content, heard={OTHER_SENSORS[kind]: output})
+                content = replace(content, stations_by_receiver={OTHER_SENSORS[kind]: output})
             elif isinstance(output, PointCloud) and output.time > self._turned:
                 self._turned = output.time
                 content = replace(content, turns={OTHER_SENSORS[kind]: turn_of(output)})

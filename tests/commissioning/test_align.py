@@ -342,18 +342,18 @@ def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     run = isolated.command("align", "calibration", "--rig", str(rig), *options, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert shows(tmp_path / "lot.png", ALARM)
-    station = float(re.search(r"from (\S+) m on, the car could not stop", run.stdout)[1])
+    last_s = float(re.search(r"from (\S+) m on, the car could not stop", run.stdout)[1])
     # 160 m less margins, the car, and the fallback path from 8 m/s at 2.4 m/s2 with what comes before it.
-    assert 100.0 < station < 160.0 - 2.0 - 4.9 - 8.0**2 / (2.0 * 2.5)
+    assert 100.0 < last_s < 160.0 - 2.0 - 4.9 - 8.0**2 / (2.0 * 2.5)
     loaded, site = rigs.load(rig), align.site_of("calibration", str(rig), tmp_path)
     path, route, _lanes = read_path(tmp_path / "short.csv", site.resolved.map_frame, site.resolved.network)
-    assert station - 3.0 < path.length <= station + 0.5
+    assert last_s - 3.0 < path.length <= last_s + 0.5
     assert route == site.resolved.route
     start, whole = path.at(0.0), site.resolved.path.at(0.0)
     assert (start.x, start.y) == pytest.approx((whole.x, whole.y), abs=1e-3)
     kept = meaning.alignment_of(loaded, "proving_ground")
     assert meaning.geofence_of(loaded, kept).along(path, 8.0) is None
-    assert meaning.geofence_of(loaded, kept).along(site.resolved.path, 8.0) == pytest.approx(station, abs=3.0)
+    assert meaning.geofence_of(loaded, kept).along(site.resolved.path, 8.0) == pytest.approx(last_s, abs=3.0)
 
 
 @pytest.mark.live

@@ -105,7 +105,7 @@ def test_finds_the_parameters_that_the_car_was_given(geometry: dict[str, float],
     duration = drive.run()
     # It keeps to its lot: one lane's width, 300 m, a minute and a half, and never a rest before the end.
     assert duration < 90.0
-    assert max(map(abs, drive.offsets)) < 0.5
+    assert max(map(abs, drive.d)) < 0.5
     assert max(drive.speeds) < 1.01 * SPEED
     end = drive.path.project(*drive.position)
     assert 250.0 < end.s < 300.0
@@ -144,7 +144,7 @@ def test_two_parts_in_a_short_lot_tell_together_what_the_whole_does(tmp_path: Pa
         drive = CalibrationDrive(parameters, seed, length=120.0, part=part)
         drive.run()
         assert drive.path.project(*drive.position).s < 120.0
-        assert max(map(abs, drive.offsets)) < 0.5
+        assert max(map(abs, drive.d)) < 0.5
         folders.append(drive.write(tmp_path / part))
     assert "steering_ratio" in calibrate.calibrate(folders[:1]).poor
     both = calibrate.calibrate(folders)

@@ -37,7 +37,7 @@ class Drive:
 
     time: np.ndarray
     s: np.ndarray  #: of the true rear axle
-    offset: np.ndarray  #: likewise
+    d: np.ndarray  #: likewise
     speed: np.ndarray
     clearance: np.ndarray  #: of the bodies, between their polygons and the car's [m]
     emergency: np.ndarray
@@ -54,7 +54,7 @@ def drive(
     kinds: Sequence[str] = (), seed: int = 0, start: float | None = None, flaws: Flaws | None = None,
     until: float = math.inf, stop: Callable[[float], bool] | None = None,
 ) -> Drive:  # fmt: skip
-    """Drive a path from its start at a speed [m/s] for some seconds, or to a station, or to contact."""
+    """Drive a path from its start at a speed [m/s] for some seconds, or to an s along it, or to contact."""
     random = np.random.default_rng(seed)
     car = Car(CAR, path, flaws or Flaws(), speed if start is None else start)
     radar, lidar = Radar(RadarConfig(), CAR, random), Lidar(LIDAR, random, walls_of(()))
@@ -79,7 +79,7 @@ def drive(
         near = here.s
         own = _own(car)
         away = min((own.distance(_polygon(body, time)) for body in bodies), default=math.inf)
-        rows.append((time, here.s, here.offset, car.speed, away, command.emergency, car.speed * car.yaw_rate))
+        rows.append((time, here.s, here.d, car.speed, away, command.emergency, car.speed * car.yaw_rate))
         commands.append(command)
         if away == 0.0 or here.s > until:
             break

@@ -50,8 +50,8 @@ class Hunting:
         bumper, bearing = self._vehicle.rear_axle_to_bumper, pose.heading + scan.azimuth
         x = pose.x + bumper * math.cos(pose.heading) + scan.range * np.cos(bearing)
         y = pose.y + bumper * math.sin(pose.heading) + scan.range * np.sin(bearing)
-        s, offset = path.locate(x, y, here, here + SIGHT)
-        stops = s[np.abs(offset) < HALF_WIDTH] - here - bumper - self._gap
+        s, lateral = path.locate(x, y, here, here + SIGHT)
+        stops = s[np.abs(lateral) < HALF_WIDTH] - here - bumper - self._gap
         limits = [(d, 2.0 / max(abs(path.at(here + d).curvature), 1e-6)) for d in range(0, 60, 2)]
         limits += [(path.length - here, 0.0), *((d, 0.0) for d in stops.tolist())]
         return math.sqrt(max(0.0, min(u2 + 2.0 * BRAKING * (d - ANSWER * pose.speed) for d, u2 in limits)))

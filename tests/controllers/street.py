@@ -109,10 +109,10 @@ class Car:
 
 @dataclass
 class Obstacle:
-    """A box on the path, its rear end at a station; it moves along the path by a speed over time."""
+    """A box on the path, its rear end at `s`; it moves along the path by a speed over time."""
 
-    station: float  #: of its rear end [m]
-    offset: float = 0.0  #: of its middle beside the path [m]
+    s: float  #: of its rear end [m]
+    d: float = 0.0  #: of its middle beside the path [m]
     speed: Callable[[float], float] = field(default=lambda _time: 0.0)  #: [m/s] over drive time [s]
     length: float = 4.5
     width: float = 1.8
@@ -127,10 +127,10 @@ def scan(
     bumper = np.array([pose.x + front * math.cos(pose.heading), pose.y + front * math.sin(pose.heading)])
     rows = []
     for box in obstacles:
-        rear = path.at(box.station)
+        rear = path.at(box.s)
         along = np.array([math.cos(rear.heading), math.sin(rear.heading)])
         left = np.array([-along[1], along[0]])
-        corner = np.array([rear.x, rear.y]) + (box.offset - 0.5 * box.width) * left
+        corner = np.array([rear.x, rear.y]) + (box.d - 0.5 * box.width) * left
         edge = np.linspace(0.0, 1.0, 41)[:, None]
         points = np.concatenate((corner + edge * box.width * left, corner + edge * box.length * along,
                                  corner + box.width * left + edge * box.length * along))  # fmt: skip
@@ -161,11 +161,11 @@ class Drive:
     time: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray  #: of the car
-    offset: np.ndarray  #: of the true rear axle from the path
+    d: np.ndarray  #: of the true rear axle from the path
     gap: np.ndarray  #: true, along the path, to the nearest obstacle
     emergency: np.ndarray
     setpoints: list[ControlCommand]
-    final_station: float
+    final_s: float
 
 
 def drive(
@@ -189,16 +189,16 @@ def drive(
             newest = scan(time, pose, path, obstacles, sight, random, vehicle)
             next_scan += 0.05
         setpoint = controller.step(Observation(tick, time, pose, path, desired_speed, {"radar": newest}, car.wheel))
-        station = path.project(car.x, car.y, near)
-        near = station.s
-        gap = min((box.station for box in obstacles), default=math.inf) - station.s - vehicle.rear_axle_to_bumper
-        rows.append((time, car.speed, car.acceleration, station.offset, gap, setpoint.emergency))
+        projection = path.project(car.x, car.y, near)
+        near = projection.s
+        gap = min((box.s for box in obstacles), default=math.inf) - projection.s - vehicle.rear_axle_to_bumper
+        rows.append((time, car.speed, car.acceleration, projection.d, gap, setpoint.emergency))
         setpoints.append(setpoint)
         standing = standing + 1 if car.speed == 0.0 and time > 3.0 else 0
         if standing > stay / PERIOD:
             break
         car.drive(setpoint)
         for box in obstacles:
-            box.station += box.speed(time) * PERIOD
+            box.s += box.speed(time) * PERIOD
     columns = np.array(rows, dtype=float).T
     return Drive(*columns[:5], columns[5] > 0.5, setpoints, near)

@@ -59,7 +59,7 @@ def test_it_never_lets_go_of_the_brake(probe) -> None:
 def test_it_stops_at_the_end_of_its_path(probe) -> None:
     done = drive(probe(), PATH, 12.0, [], 60.0)
     assert done.speed[-1] == 0.0
-    assert done.final_station == pytest.approx(PATH.length, abs=1.0)
+    assert done.final_s == pytest.approx(PATH.length, abs=1.0)
 
 
 @pytest.mark.parametrize(("key", "value"), [("trigger_m", 0.5), ("trigger_m", 150.0), ("deceleration_m_s2", 4.0)])

@@ -29,7 +29,7 @@ def steady_gap(name: str, tuning: dict[str, float], lead_speed: float) -> tuple[
     done = drive(made, ROAD, DESIRED, [lead], 90.0, flaws=Flaws(steering_zero=0.0, misalignment=0.0), start_speed=8.0)
     settled = done.time > 80.0
     assert not done.emergency.any()
-    assert np.abs(done.offset).max() < 0.2
+    assert np.abs(done.d).max() < 0.2
     return float(done.gap[settled].mean()), float(done.speed[settled].mean())
 
 

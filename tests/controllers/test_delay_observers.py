@@ -52,10 +52,10 @@ def response(car, v, look_ahead, kp, kd, s, *, at_mass=False, lag=0.0, dead=0.0,
     determinant = (s - a11) * (s - a22) - a12 * a21
     across, yaw = ((s - a22) * b[0] + a12 * b[1]) / determinant, ((s - a11) * b[1] + a21 * b[0]) / determinant
     heading = yaw / s
-    offset = (across - (0.0 if at_mass else lr) * yaw + v * heading) / s
-    law = kp * (offset + look_ahead * heading)
+    d = (across - (0.0 if at_mass else lr) * yaw + v * heading) / s
+    law = kp * (d + look_ahead * heading)
     if at_mass:
-        law = (kp + kd * s) * (offset + look_ahead * heading)
+        law = (kp + kd * s) * (d + look_ahead * heading)
     else:
         law += kd * (look_ahead * yaw / (smoothing * s + 1.0) + v * heading)
     return law * np.exp(-dead * s) / (lag * s + 1.0)
@@ -129,7 +129,7 @@ class LateCar:
         """`push`: road-wheel angle that something turns the car by [rad]."""
         a, b, lr = tyres(car, speed)
         lag = car.steering_lag
-        whole = np.zeros((6, 6))  # across, yaw rate, heading, offset, wheel, request
+        whole = np.zeros((6, 6))  # across, yaw rate, heading, d, wheel, request
         whole[:2, :2], whole[:2, 4], whole[2, 1], whole[3, :3] = a, b, 1.0, (1.0, -lr, speed)
         whole[4, 4:] = -1.0 / lag, 1.0 / lag
         self.advance = np.linalg.matrix_power(_exponential(whole * PERIOD / 64.0), 64)
@@ -139,9 +139,9 @@ class LateCar:
         self.smoothed = 0.0
 
     def observation(self, tick: int, path: ReferencePath) -> Observation:
-        _across, yaw, heading, offset, _wheel, _request = self.state
+        _across, yaw, heading, d, _wheel, _request = self.state
         self.smoothed += (yaw - self.smoothed) * -math.expm1(-PERIOD / 0.08)
-        pose = Pose(tick * PERIOD, Point.REAR_AXLE, 10.0 + self.speed * tick * PERIOD, offset, heading, self.speed,
+        pose = Pose(tick * PERIOD, Point.REAR_AXLE, 10.0 + self.speed * tick * PERIOD, d, heading, self.speed,
                     0.0, self.smoothed, 0.0, 0.0)  # fmt: skip
         return Observation(tick, tick * PERIOD, pose, path, self.speed, {"radar": NOTHING}, math.nan)
 
@@ -162,23 +162,23 @@ def _exponential(matrix):
 def answer(part, law, car, step: float, seconds: float, trim=None) -> np.ndarray:
     """Offsets of a late car whose law shall keep `step` [m] beside a straight path; a `trim` acts beside the law."""
     deviation = part("deviation")
-    path, offsets = STRAIGHT, []
+    path, d = STRAIGHT, []
     for layer in part("delay_observers").layers(law):
         if hasattr(layer, "step"):
             layer.step = step
     for tick in range(round(seconds / PERIOD)):
         now = car.observation(tick, path)
         pose = now.pose
-        offsets.append(pose.y)
+        d.append(pose.y)
         learnt = 0.0 if trim is None else trim.step(pose.y, car.speed, PERIOD, saturated=False)
         off = deviation.Deviation(pose.x, pose.y, pose.heading, pose.yaw_rate, car.speed, 0.0)
         car.drive(law.steer(off, now) + learnt)
-    return np.array(offsets)
+    return np.array(d)
 
 
-def grows(offsets: np.ndarray, aim: float) -> bool:
-    third = len(offsets) // 3
-    return float(np.abs(offsets[2 * third :] - aim).max()) > float(np.abs(offsets[third : 2 * third] - aim).max())
+def grows(d: np.ndarray, aim: float) -> bool:
+    third = len(d) // 3
+    return float(np.abs(d[2 * third :] - aim).max()) > float(np.abs(d[third : 2 * third] - aim).max())
 
 
 def stepped(part, speed: float, link: float, tau: float = 0.0, washout: float = 3.0, car=FUSION, seconds=60.0):
@@ -292,7 +292,7 @@ def test_the_model_is_the_single_track(part):
         model.step(request, 12.0)
         car.drive(request)
         assert model.heading_error == pytest.approx(car.state[2], abs=1e-4)
-        assert model.offset == pytest.approx(car.state[3], abs=5e-3)
+        assert model.d == pytest.approx(car.state[3], abs=5e-3)
 
 
 @settings(deadline=None)
@@ -312,7 +312,7 @@ def test_a_washed_out_model_stays_bounded(part, speed, requests):
     model = part("single_track").LateralModel(FUSION, PERIOD, 1.0 / 3.0, 0.08)
     for request in requests:
         model.step(request, speed)
-        assert abs(model.offset) < 0.5 * 9.0 * 2.0 * speed * speed
+        assert abs(model.d) < 0.5 * 9.0 * 2.0 * speed * speed
         assert math.isfinite(model.heading_error)
 
 
@@ -328,14 +328,14 @@ def test_any_law_may_be_inside(part, law):
         car = LateCar(FUSION, 10.0, 0.8)
         car.state[3] = 0.2
         deviation = part("deviation").DeviationObserver(FUSION)
-        path, offsets = STRAIGHT, []
+        path, d = STRAIGHT, []
         for tick in range(1500):
             now = car.observation(tick, path)
-            offsets.append(car.state[3])
+            d.append(car.state[3])
             projection = path.project(now.pose.x, now.pose.y, now.pose.x)
             request = inside.steer(deviation.step(now.pose, path, projection, PERIOD), now)
             car.drive(min(max(request, -0.5), 0.5))
-        return np.array(offsets)
+        return np.array(d)
 
     assert np.abs(off(False)[-300:]).max() > 0.5
     assert np.abs(off(True)[-300:]).max() < 0.05
@@ -409,8 +409,8 @@ def test_a_flawed_car_keeps_a_wide_bend_behind_a_late_link(make, tolerant, link)
     path, late = circle(300.0), replace(FUSION, steering_delay=FUSION.steering_delay + link)
     observed = drive(tolerant(), path, 10.0, [], 60.0, vehicle=late, start_speed=10.0)
     # The zero error, unknown to the observer's model, is the price: the trim takes it out slowly.
-    assert np.abs(observed.offset).max() < 1.0
-    assert np.abs(observed.offset[-500:]).max() < 0.1
+    assert np.abs(observed.d).max() < 1.0
+    assert np.abs(observed.d[-500:]).max() < 0.1
     if link > 0.0:
         plain = drive(make(), path, 10.0, [], 15.0, vehicle=late, start_speed=10.0)
-        assert np.abs(plain.offset).max() > 5.0
+        assert np.abs(plain.d).max() > 5.0

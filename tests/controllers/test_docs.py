@@ -79,7 +79,7 @@ def test_the_example_with_an_observer_bears_a_late_link(page, tmp_path):
     for name, keys, folder in (("mine", {}, tmp_path), ("follow_and_stop", {"steering": "stanley"}, SHIPPED)):
         controller = load(name, FUSION, keys, [folder])
         done = drive(controller, path, 10.0, [], 40.0, vehicle=late, start_speed=10.0, flaws=Flaws(steering_zero=0.0))
-        off.append(float(np.abs(done.offset).max()))
+        off.append(float(np.abs(done.d).max()))
     assert off[0] < 1.0 < off[1]
 
 
@@ -96,7 +96,7 @@ def test_the_example_takes_tuning_and_names_a_wrong_key(example):
     x = np.arange(0.0, 200.0)
     path = ReferencePath.from_points(x, 4.0 * np.tanh((x - 60.0) / 20.0))
     done = drive(controller, path, 9.0, [Obstacle(150.0)], 60.0)
-    assert np.abs(done.offset).max() < 0.4
+    assert np.abs(done.d).max() < 0.4
     assert done.speed[-1] == 0.0
     assert done.gap[-1] == pytest.approx(8.0, abs=1.0)
     with pytest.raises(ConfigError, match="allowed are gap_m, look_ahead_s"):

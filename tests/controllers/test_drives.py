@@ -45,7 +45,7 @@ def test_it_keeps_the_path_and_stops_five_metres_short(make, mph):
     speed = mph * MPH
     path = bends(speed)
     done = drive(make(), path, speed, [Obstacle(path.length - 15.0)], 150.0, seed=mph)
-    assert np.abs(done.offset).max() <= 0.07
+    assert np.abs(done.d).max() <= 0.07
     assert done.speed.max() == pytest.approx(speed, rel=0.05)
     assert done.speed[-1] == 0.0
     assert done.gap[-1] == pytest.approx(5.0, abs=0.2)
@@ -59,7 +59,7 @@ def test_it_keeps_the_path_and_stops_five_metres_short(make, mph):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("flaws", "worst_offset", "gap_error"),
+    ("flaws", "worst_d", "gap_error"),
     [
         (Flaws(steering_zero=-0.005), 0.15, 0.2),
         (Flaws(misalignment=math.radians(-1.0)), 0.15, 0.2),
@@ -71,11 +71,11 @@ def test_it_keeps_the_path_and_stops_five_metres_short(make, mph):
     ],
 )
 @pytest.mark.parametrize("mph", [10, 45])
-def test_it_bears_flaws_it_was_not_told_of(make, mph, flaws, worst_offset, gap_error):
+def test_it_bears_flaws_it_was_not_told_of(make, mph, flaws, worst_d, gap_error):
     speed = mph * MPH
     path = bends(speed)
     done = drive(make(), path, speed, [Obstacle(path.length - 15.0)], 150.0, seed=mph, flaws=flaws)
-    assert np.abs(done.offset).max() <= worst_offset
+    assert np.abs(done.d).max() <= worst_d
     assert done.gap[-1] == pytest.approx(5.0, abs=gap_error)
     assert done.acceleration.min() >= -3.5
     assert not done.emergency.any()
@@ -87,8 +87,8 @@ def test_it_bears_flaws_it_was_not_told_of(make, mph, flaws, worst_offset, gap_e
 def test_the_other_steering_laws_keep_the_path(make, law, worst, mph):
     path = bends(mph * MPH)
     done = drive(make(steering=law), path, mph * MPH, [], 150.0)
-    assert np.abs(done.offset).max() <= worst
-    assert done.final_station == pytest.approx(path.length, abs=0.2)
+    assert np.abs(done.d).max() <= worst
+    assert done.final_s == pytest.approx(path.length, abs=0.2)
 
 
 def test_it_slows_for_a_bend_that_is_too_tight(make):
@@ -113,7 +113,7 @@ def test_it_stands_at_the_end_of_the_path(make):
     path = straight(150.0)
     done = drive(make(), path, 10.0, [], 100.0)
     assert done.speed[-1] == 0.0
-    assert done.final_station == pytest.approx(150.0, abs=0.2)
+    assert done.final_s == pytest.approx(150.0, abs=0.2)
     assert {setpoint.acceleration for setpoint in done.setpoints[-50:]} == {-1.0}
 
 
@@ -140,7 +140,7 @@ def test_without_the_layer_the_same_case_ends_in_contact(make):
 def test_it_passes_between_two_parked_cars(make, seed):
     """FMVSS 127: 4.5 m apart, 80 km/h, less than 0.25 g; here hardly a touch of the brakes is granted."""
     side = 4.5 / 2.0 + 0.9
-    obstacles = [Obstacle(250.0, offset=side), Obstacle(250.0, offset=-side)]
+    obstacles = [Obstacle(250.0, d=side), Obstacle(250.0, d=-side)]
     done = drive(make(), straight(500.0), 22.2, obstacles, 15.0, start_speed=22.2, seed=seed)
     passed = done.gap < -10.0
     assert passed.any()
@@ -154,7 +154,7 @@ def test_it_passes_between_two_parked_cars(make, seed):
 def test_cars_parked_along_bends_do_not_stop_it(make, speed, seed):
     """As the ego comes round a bend, the nearest point of a parked car's rear slides across like one who walks."""
     path = bends(speed)
-    obstacles = [Obstacle(25.0 * i + 30.0, offset=3.0 * (-1.0) ** i) for i in range(int(path.length / 25.0) - 3)]
+    obstacles = [Obstacle(25.0 * i + 30.0, d=3.0 * (-1.0) ** i) for i in range(int(path.length / 25.0) - 3)]
     done, free = (drive(make(), path, speed, boxes, 120.0, seed=seed) for boxes in (obstacles, []))
     assert {setpoint.note for setpoint in done.setpoints} == {"cruise", "path_end", "hold"}
     assert done.time[-1] == pytest.approx(free.time[-1], abs=0.5)
@@ -238,7 +238,7 @@ def test_the_delay_margin_of_the_design_is_where_the_loop_breaks(make, part):
         # The virtual road itself spends a tick and a half on its way.
         late = replace(FUSION, steering_delay=FUSION.steering_delay + share * row.delay_margin - 0.03)
         done = drive(make(), path, 20.1, [], 60.0, vehicle=late)
-        return float(np.abs(done.offset).max())
+        return float(np.abs(done.d).max())
 
     assert wobble(0.6) < 0.3
     assert wobble(1.3) > 1.0

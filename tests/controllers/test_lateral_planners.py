@@ -70,24 +70,24 @@ def outline(polygon: Polygon, path: ReferencePath) -> Body:
 def swept(path: ReferencePath, plan: LateralPlan, nodes: Nodes) -> tuple[ReferencePath, list[Polygon]]:
     """The curve that the gateway would follow, and the car's body all along it."""
     x, y = [], []
-    for station, offset in zip(nodes.s.tolist(), plan.offsets, strict=True):
-        at = path.at(station)
-        x.append(at.x - offset * math.sin(at.heading))
-        y.append(at.y + offset * math.cos(at.heading))
+    for s, d in zip(nodes.s.tolist(), plan.d, strict=True):
+        at = path.at(s)
+        x.append(at.x - d * math.sin(at.heading))
+        y.append(at.y + d * math.cos(at.heading))
     commanded = CommandedPath(tuple(x), tuple(y), tuple(plan.speeds))
     first = path.at(float(nodes.s[0]))
     assert not flaw(commanded, Pose(0.0, Point.REAR_AXLE, x[0], y[0], first.heading, 5.0, 0.0, 0.0, 0.0, 0.0))
     way, bodies = curve(commanded), []
     shape = box(-CAR.rear_overhang, -0.5 * CAR.width, CAR.rear_axle_to_bumper, 0.5 * CAR.width)
-    for s in np.arange(0.0, way.length, 0.25):
-        at = way.at(float(s))
+    for at_s in np.arange(0.0, way.length, 0.25):
+        at = way.at(float(at_s))
         bodies.append(translate(rotate(shape, at.heading, (0, 0), use_radians=True), at.x, at.y))
     return way, bodies
 
 
 def nodes_of(path: ReferencePath) -> Nodes:
-    stations = SPACING * np.arange(COUNT)
-    return Nodes.of(CAR, stations, np.array([path.at(s).curvature for s in stations.tolist()]))
+    s = SPACING * np.arange(COUNT)
+    return Nodes.of(CAR, s, np.array([path.at(at_s).curvature for at_s in s.tolist()]))
 
 
 def task(
@@ -125,7 +125,7 @@ def test_the_body_keeps_clear_of_long_and_oblique_bodies_in_bends(
     assert plan is not None
     way, bodies = swept(path, plan, nodes)
     assert min(polygon.distance(body) for body in bodies) > KEEPS.clearance - INTRUSION - 0.05
-    assert plan.offsets[:4] == (starts,) * 4
+    assert plan.d[:4] == (starts,) * 4
     # Along the curve itself: what the car would feel at the speed that was planned.
     speed = min(plan.speeds)
     dense = [way.at(float(s)).curvature for s in np.arange(3.0 * SPACING, way.length - 3.0 * SPACING, 0.3)]
@@ -174,8 +174,8 @@ def test_it_returns_to_the_path(planner: Planner) -> None:
     nodes = nodes_of(road(0.0))
     plan = laid(planner, task(nodes, [], [], 8.0, COMFORT, [1.5] * 4))
     assert plan is not None
-    assert abs(plan.offsets[-1]) < 0.05
-    assert min(plan.offsets) > -0.15
+    assert abs(plan.d[-1]) < 0.05
+    assert min(plan.d) > -0.15
 
 
 def test_no_way_is_better_than_one_through_a_body() -> None:
@@ -252,12 +252,12 @@ def test_a_car_that_leaves_its_path_obliquely_is_as_near_as_its_polygon(
 ) -> None:
     """At each node at which a post that stands beside the way is beside the car's flank."""
     nodes, side, turn = nodes_of(road(0.0)), 1.0 if left else -1.0, math.atan(slope)
-    offsets = slope * (nodes.s - 30.0)
+    way_d = slope * (nodes.s - 30.0)
     post = Place(place, slope * (place - 30.0) + side * (0.5 * CAR.width + away) / math.cos(turn))
     body = Body(np.array([post.x]), np.array([post.y]), 0.0, 0.0, 0.0, 1.0)
-    found = clearances(nodes, times_at((5.0,) * COUNT, SPACING), offsets.tolist(), body, KEEPS)
+    found = clearances(nodes, times_at((5.0,) * COUNT, SPACING), way_d.tolist(), body, KEEPS)
     middle = CAR.rear_axle_to_bumper - 0.5 * CAR.length
-    for s, d, clear in zip(nodes.s.tolist(), offsets.tolist(), found, strict=True):
+    for s, d, clear in zip(nodes.s.tolist(), way_d.tolist(), found, strict=True):
         along = (post.x - s) * math.cos(turn) + (post.y - d) * math.sin(turn)
         if all(-CAR.rear_overhang < ahead < CAR.rear_axle_to_bumper for ahead in (place - s, along)):
             x, y = s + middle * math.cos(turn), d + middle * math.sin(turn)

@@ -104,15 +104,15 @@ def test_a_body_that_is_seen_no_more_is_forgotten() -> None:
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize(("offset", "sigma"), [(2.2, 0.5), (2.2, 0.05), (0.3, 0.2)])
+@pytest.mark.parametrize(("d", "sigma"), [(2.2, 0.5), (2.2, 0.05), (0.3, 0.2)])
 def test_who_comes_beyond_the_lidars_sight_lies_beyond_the_point_that_a_radar_sees(
-    side: float, offset: float, sigma: float
+    side: float, d: float, sigma: float
 ) -> None:
     """Seen from the path; and by a standard deviation farther off, so that he who keeps to his lane is in it."""
-    seen = Sighting(120.0, side * offset, sigma * sigma, -9.0)
+    seen = Sighting(120.0, side * d, sigma * sigma, -9.0)
     track = Track(3.0, seen)
     (body,) = Outlines(FUSION, "roof", 1.4, 1.9).bodies(3.2, [track])
-    low, high = sorted((side * (offset + sigma), side * (offset + sigma + 2.0)))
+    low, high = sorted((side * (d + sigma), side * (d + sigma + 2.0)))
     assert (float(body.d.min()), float(body.d.max())) == pytest.approx((low, high))
     assert (float(body.s.min()), float(body.s.max())) == pytest.approx((120.0 - 1.8, 125.0 - 1.8))
     assert (body.along, body.across) == (-9.0, 0.0)

@@ -81,9 +81,9 @@ def characteristic(plane, s: complex, kp: float, kd: float, corner) -> complex:
     across, yaw = np.linalg.solve(matrix, np.array([cf, lf * cf], dtype=complex))
     wheel = cmath.exp(-(FUSION.steering_delay + corner.delay) * s) / (FUSION.steering_lag * s + 1.0)
     heading = yaw / s
-    offset = (across - lr * yaw + v * heading) / s
-    law = kp * (offset + plane.look_ahead * heading)
-    law += kd * (v * heading + plane.look_ahead * yaw / (plane.yaw_rate_lag * s + 1.0)) + plane.trim * offset / s
+    d = (across - lr * yaw + v * heading) / s
+    law = kp * (d + plane.look_ahead * heading)
+    law += kd * (v * heading + plane.look_ahead * yaw / (plane.yaw_rate_lag * s + 1.0)) + plane.trim * d / s
     return 1.0 + law * wheel
 
 

@@ -40,11 +40,11 @@ def test_it_passes_what_stands_and_comes_back(module: ModuleType) -> None:
     found = drive(around(module), ROAD, 8.0, [steady(60.0, 0.2)], 20.0, until=125.0)
     assert found.s[-1] > 125.0
     assert found.least > CLEAR
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
     assert found.speed.min() > 5.0
     assert np.abs(found.lateral).max() < 2.6
     assert commanded(found)
-    assert found.commands[-1].path is None or abs(found.offset[-1]) < 0.15
+    assert found.commands[-1].path is None or abs(found.d[-1]) < 0.15
 
 
 @pytest.mark.thorough
@@ -70,7 +70,7 @@ def test_it_passes_long_and_oblique_bodies_in_a_bend(
     found = drive(around(module, left_m=4.6), path, 7.0, [body], 25.0, until=140.0, kinds=[kind])
     assert found.s[-1] > 140.0
     assert found.least > CLEAR
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
 
 
 @pytest.mark.thorough
@@ -82,7 +82,7 @@ def test_who_comes_the_other_way_goes_first(module: ModuleType) -> None:
     assert found.s[-1] > 120.0
     # They meet where the car is still on its own side.
     met = int(np.argmin(np.abs(125.0 - 8.0 * found.time - found.s)))
-    assert abs(found.offset[met]) < 0.6
+    assert abs(found.d[met]) < 0.6
 
 
 @pytest.mark.thorough
@@ -90,7 +90,7 @@ def test_while_somebody_keeps_coming_it_waits() -> None:
     stream = [steady(90.0 + 30.0 * number, 3.2, 8.0, math.pi) for number in range(8)]
     found = drive(around(elastic_band), ROAD, 8.0, [steady(50.0, 0.0), *stream], 16.0)
     assert found.least > CLEAR
-    assert np.abs(found.offset).max() < 0.5
+    assert np.abs(found.d).max() < 0.5
     assert found.speed[-1] < 0.1
     bumper = found.s[-1] + CAR.rear_axle_to_bumper
     assert 47.75 - bumper == pytest.approx(TUNING["gap_m"], abs=1.0)
@@ -123,7 +123,7 @@ def test_who_comes_in_its_lane_and_moves_over_is_given_way_to_as_any_other(
 
     found = drive(around(elastic_band), ROAD, own, [steady(60.0, -0.1), Body(place)], 25.0, until=120.0)
     met = int(np.argmin(np.abs(start - his * found.time - found.s)))
-    assert abs(found.offset[met]) < 0.15
+    assert abs(found.d[met]) < 0.15
     assert found.least > CLEAR
     assert found.s[-1] > 100.0
 
@@ -136,7 +136,7 @@ def test_out_of_a_standstill_behind_it(module: ModuleType) -> None:
     found = drive(around(module), ROAD, 8.0, [steady(at, 0.0)], 20.0, start=0.0, until=80.0)
     assert found.s[-1] > 80.0
     assert found.least > CLEAR
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
 
 
 @pytest.mark.thorough
@@ -146,7 +146,7 @@ def test_it_overtakes_a_bicyclist(module: ModuleType) -> None:
     found = drive(around(module), ROAD, 9.0, [bicycle], 25.0, kinds=["bicycle"], until=180.0)
     assert found.s[-1] > 180.0
     assert found.least > CLEAR
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
 
 
 class Counting:
@@ -199,7 +199,7 @@ def test_it_overtakes_a_bicyclist_whom_it_has_come_behind() -> None:
     found = drive(around(elastic_band), ROAD, 8.0, [bicycle], 30.0, kinds=["bicycle"], start=4.0, until=150.0)
     assert found.s[-1] > 150.0
     assert found.least > CLEAR
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
     # It speeds up once, and does not fall back again.
     assert np.diff(np.maximum.accumulate(found.speed) - found.speed).max() < 0.5
 
@@ -211,7 +211,7 @@ def test_it_goes_out_of_the_way_of_a_bicyclist_who_comes_head_on(speed: float) -
     found = drive(around(elastic_band), ROAD, speed, [bicycle], 6.0 + 40.0 / speed, kinds=["bicycle"])
     assert found.least > CLEAR
     assert found.speed.min() > 1.0
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
 
 
 def test_it_brakes_behind_a_bicyclist_who_turns_in_before_it_goes_around_him() -> None:
@@ -243,7 +243,7 @@ def test_it_swerves_and_brakes_where_braking_alone_comes_too_late() -> None:
     assert both_.least > 0.1
     assert both_.emergency.any()
     assert both_.least > alone.least
-    assert np.abs(both_.offset).max() > 0.3
+    assert np.abs(both_.d).max() > 0.3
 
 
 def test_without_room_it_brakes_as_the_shipped_controller_does() -> None:
@@ -259,7 +259,7 @@ def test_every_way_that_it_commands_is_one_that_the_tick_takes() -> None:
         path = found.commands[tick].path
         assert path is not None
         assert max(path.speed) <= 7.2
-        pose = Pose(0.0, Point.REAR_AXLE, found.s[tick], found.offset[tick], 0.0, 7.0, 0.0, 0.0, 0.0, 0.0)
+        pose = Pose(0.0, Point.REAR_AXLE, found.s[tick], found.d[tick], 0.0, 7.0, 0.0, 0.0, 0.0, 0.0)
         heading = math.atan2(path.y[1] - path.y[0], path.x[1] - path.x[0])
         assert abs(heading) < 1.0
         assert not flaw(path, pose)

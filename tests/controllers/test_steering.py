@@ -29,13 +29,11 @@ def circle(radius: float) -> ReferencePath:
     return ReferencePath.from_points(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
 
 
-def observation(
-    path: ReferencePath, s: float, speed: float, offset: float = 0.0, turned: float = 0.0, slip: float = 0.0
-):
+def observation(path: ReferencePath, s: float, speed: float, d: float = 0.0, turned: float = 0.0, slip: float = 0.0):
     """A car beside the path, going steadily, its course turned from the path's direction."""
     at = path.at(s)
     pose = Pose(
-        1.0, Point.REAR_AXLE, at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading),
+        1.0, Point.REAR_AXLE, at.x - d * math.sin(at.heading), at.y + d * math.cos(at.heading),
         at.heading + turned - slip, speed, speed * math.tan(slip), speed * at.curvature, 0.0, 0.0,
     )  # fmt: skip
     return Observation(50, 1.0, pose, path, speed, {"radar": NOTHING}, math.nan)
@@ -43,8 +41,8 @@ def observation(
 
 def steered(part, law, vehicle, now: Observation) -> float:
     observer = part("deviation").DeviationObserver(vehicle)
-    station = now.path.project(now.pose.x, now.pose.y)
-    return law.steer(observer.step(now.pose, now.path, station, 0.02), now)
+    projection = now.path.project(now.pose.x, now.pose.y)
+    return law.steer(observer.step(now.pose, now.path, projection, 0.02), now)
 
 
 def laws(part, vehicle):
@@ -81,16 +79,16 @@ def test_with_slip_they_ask_for_what_holds_the_yaw_rate(part, law):
 def test_they_steer_back_and_mirror(part, law):
     path = ReferencePath.from_points([0.0, 200.0], [0.0, 0.0])
     made = laws(part, FUSION)[law]
-    left = steered(part, made, FUSION, observation(path, 50.0, 8.0, offset=0.4, turned=0.05, slip=0.0))
-    right = steered(part, made, FUSION, observation(path, 50.0, 8.0, offset=-0.4, turned=-0.05, slip=0.0))
+    left = steered(part, made, FUSION, observation(path, 50.0, 8.0, d=0.4, turned=0.05, slip=0.0))
+    right = steered(part, made, FUSION, observation(path, 50.0, 8.0, d=-0.4, turned=-0.05, slip=0.0))
     assert left < -0.01
     assert right == pytest.approx(-left)
 
 
-def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Observation]:
+def rolled(part, law, speed: float, d: float, seconds: float) -> list[Observation]:
     """A car without slip or lag on a straight road under a law."""
     path = ReferencePath.from_points([0.0, 1000.0], [0.0, 0.0])
-    x, y, heading, wheel, states = 10.0, offset, 0.0, 0.0, []
+    x, y, heading, wheel, states = 10.0, d, 0.0, 0.0, []
     for _ in range(round(seconds / STEP)):
         pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, speed * wheel / FUSION.wheelbase, 0.0, 0.0)
         now = Observation(0, 0.0, pose, path, speed, {"radar": NOTHING}, math.nan)
@@ -134,7 +132,7 @@ def test_the_observer_learns_a_misalignment_and_takes_it_out(part):
                     0.0, 0.0, 0.0)  # fmt: skip
         deviation = observer.step(pose, path, path.project(pose.x, pose.y, pose.x), 0.02)
         assert deviation.heading_error == pytest.approx(misaligned * math.exp(-(i + 1) * 0.02), abs=2e-4)
-    assert deviation.offset == pytest.approx(0.0)
+    assert deviation.d == pytest.approx(0.0)
 
 
 def test_the_tyres_response_time_is_the_lag_of_a_ramp(part):

@@ -46,12 +46,12 @@ def target(observation: Observation) -> Target | None:
     return Warned(CAR, "obu").step(observation, ROAD.project(pose.x, pose.y, None))
 
 
-def nearest_in_time(gap: float, speed: float, offset: float, across: float, half: tuple[float, float]) -> float:
+def nearest_in_time(gap: float, speed: float, d: float, across: float, half: tuple[float, float]) -> float:
     """Time by which car and crosser miss each other, both on the crosser's piece of the road, in steps of 5 ms [s]."""
     times = np.arange(0.0, 120.0, 0.005)
     bumper = max(speed, SLOWEST) * times
     car = times[(bumper >= gap) & (bumper <= gap + 2.0 * half[0] + CAR.length)]
-    crosser = times[np.abs(offset + across * times) <= BAND + half[1]]
+    crosser = times[np.abs(d + across * times) <= BAND + half[1]]
     if not len(crosser):
         return math.inf
     return max(car[0] - crosser[-1], crosser[0] - car[-1], 0.0)
@@ -59,7 +59,7 @@ def nearest_in_time(gap: float, speed: float, offset: float, across: float, half
 
 @given(
     ahead=st.floats(3.0, 90.0),
-    offset=st.floats(-30.0, 30.0),
+    d=st.floats(-30.0, 30.0),
     speed=st.floats(0.0, 15.0),
     pace=st.floats(0.5, 8.0),
     heading=st.floats(-math.pi, math.pi),
@@ -67,14 +67,14 @@ def nearest_in_time(gap: float, speed: float, offset: float, across: float, half
     since=st.floats(0.0, 0.3),
 )
 def test_it_waits_for_whom_it_would_meet(
-    ahead: float, offset: float, speed: float, pace: float, heading: float, age: float, since: float
+    ahead: float, d: float, speed: float, pace: float, heading: float, age: float, since: float
 ) -> None:
     along, across = pace * math.cos(heading), pace * math.sin(heading)
     assume(abs(across) > 0.35)
     x, time, length, width = 20.0, 5.0, 1.9, 0.6
     # Where it was when its message was made, seen from where the car was when the output was.
     then_x = x - speed * since
-    at = (x + BUMPER + ahead - along * (age + since) - then_x - BUMPER, offset - across * (age + since))
+    at = (x + BUMPER + ahead - along * (age + since) - then_x - BUMPER, d - across * (age + since))
     warned = Warned(CAR, "obu")
     heard = stations(time - since, *at, heading, pace, age, length, width)
     before = seen(heard, time - since, then_x, speed)
@@ -87,7 +87,7 @@ def test_it_waits_for_whom_it_would_meet(
     )
     gap = ahead - half[0]
     assume(gap > 0.2)
-    missed = nearest_in_time(gap, speed, offset, across, half)
+    missed = nearest_in_time(gap, speed, d, across, half)
     assume(abs(missed - EARLY) > 0.03)
     assert (found is not None) == (missed < EARLY)
     if found is not None:
@@ -114,15 +114,15 @@ def test_one_who_is_awaited_is_so_for_longer() -> None:
     fresh, kept = Warned(CAR, "obu"), Warned(CAR, "obu")
     near = seen(edge, 1.0, 0.0, 7.0)
     later = seen(replace(edge, y=np.array([-20.8])), 1.0, 0.0, 7.0)
-    station = ROAD.project(0.0, 0.0, None)
+    projection = ROAD.project(0.0, 0.0, None)
     speeds = [speed for speed in np.arange(4.0, 12.0, 0.05) if Warned(CAR, "obu").step(
-        replace(near, pose=replace(near.pose, speed=float(speed))), station)]  # fmt: skip
+        replace(near, pose=replace(near.pose, speed=float(speed))), projection)]  # fmt: skip
     fastest = float(max(speeds))
     at_edge = replace(near, pose=replace(near.pose, speed=fastest))
     beyond = replace(later, pose=replace(later.pose, speed=fastest))
-    assert kept.step(at_edge, station) is not None
-    assert kept.step(beyond, station) is not None
-    assert fresh.step(beyond, station) is None
+    assert kept.step(at_edge, projection) is not None
+    assert kept.step(beyond, projection) is not None
+    assert fresh.step(beyond, projection) is None
 
 
 def test_a_scenario_without_the_receiver_is_said_by_name() -> None:

@@ -25,8 +25,8 @@ class Around:
         pose, path = observation.pose, observation.path
         self._s = s = path.project(pose.x, pose.y, self._s).s
 
-        def at(station: float) -> tuple[float, float]:
-            place, aside = path.at(station), self._aside(station)
+        def at(at_s: float) -> tuple[float, float]:
+            place, aside = path.at(at_s), self._aside(at_s)
             return place.x - aside * math.sin(place.heading), place.y + aside * math.cos(place.heading)
 
         goal = at(s + 3.0 + 0.6 * pose.speed)

@@ -70,10 +70,10 @@ def _inputs() -> InputCache:
     return InputCache()
 
 
-#: station of the default path where its last bend is behind the car [m]
+#: s of the default path where its last bend is behind the car [m]
 LAST_BEND = 300.0
 
 
-def obstacle_station(speed: float, begin: float = LAST_BEND + 40.0) -> float:
-    """Return where on the default path an obstacle must stand to reach `speed` [m/s] after station `begin` [m]."""
+def obstacle_s(speed: float, begin: float = LAST_BEND + 40.0) -> float:
+    """Return where on the default path an obstacle must stand to reach `speed` [m/s] after s = `begin` [m]."""
     return begin + speed * speed / 2.0 / 1.3 + speed * speed / 2.0 / 1.8 + 6.0 * speed

@@ -81,7 +81,7 @@ def test_the_record_holds_the_lead_as_its_closed_form_says(braked: tuple[Path, d
 
 
 def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[str, Any]]) -> None:
-    """At the tick at which bumper and speed first put the ego no more than 6 s before station 100 m."""
+    """At the tick at which bumper and speed first put the ego no more than 6 s before s = 100 m."""
     folder, _summary = braked
     walker, resolved = track(folder, "walker"), altered(changes())
     front, due = resolved.vehicle.rear_axle_to_bumper, -1

@@ -48,13 +48,13 @@ def test_in_mid_swerve_the_car_comes_to_rest_on_the_commanded_path(place: float,
     """Setpoints that end and a controller that fails: the gateway goes on along what the controller meant."""
     truth = stopped_from(place, Swerver(CAR, AROUND, SPEED), raising=raising).truth
     assert truth.x > place + 6.0
-    assert abs(AROUND.project(truth.x, truth.y).offset) < TOLERANCE
+    assert abs(AROUND.project(truth.x, truth.y).d) < TOLERANCE
     assert truth.y > AROUND.at(place).y + 0.5
 
 
 def test_without_a_path_the_car_comes_back_onto_the_scenarios() -> None:
     truth = stopped_from(52.0, Swerver(CAR, AROUND, SPEED, says=False)).truth
-    assert abs(AROUND.project(truth.x, truth.y).offset) > 1.0
+    assert abs(AROUND.project(truth.x, truth.y).d) > 1.0
 
 
 def fenced(controller: Swerver, until: float) -> list[Ticked]:

@@ -23,7 +23,7 @@ SPEED = 13.9  #: of the scenario [m/s]
 class Stop(NamedTuple):
     """Where a drive of the probe came to rest."""
 
-    station: float  #: of the true rear axle [m]
+    s: float  #: of the true rear axle [m]
     speed: float  #: true, when the brake was asked for [m/s]
     pose_age: float  #: of the fix that this was decided on [s]
 
@@ -66,7 +66,7 @@ def test_a_hidden_delay_moves_the_stop_by_speed_times_delay() -> None:
     assert base.speed == pytest.approx(SPEED, abs=0.02)
     assert late.speed == pytest.approx(base.speed, abs=0.005)  # it had settled, and to the same
     assert late.pose_age == pytest.approx(base.pose_age, abs=1e-6)  # the pipeline cannot tell
-    assert late.station - base.station == pytest.approx(SPEED * 0.1, abs=0.05)
+    assert late.s - base.s == pytest.approx(SPEED * 0.1, abs=0.05)
 
 
 @pytest.mark.thorough
@@ -74,4 +74,4 @@ def test_the_same_delay_declared_is_predicted_away() -> None:
     base, late = stop(0.0, 0.0), stop(0.0, 0.099)
     assert late.pose_age - base.pose_age == pytest.approx(0.1, abs=0.0011)
     assert late.speed == pytest.approx(base.speed, abs=0.005)
-    assert abs(late.station - base.station) <= 0.05
+    assert abs(late.s - base.s) <= 0.05

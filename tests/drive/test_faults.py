@@ -106,7 +106,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
         folder = Path(scratch) / "record"
         shell = Lockstep(resolved, REPOSITORY, Fault(kind))
         record = RecordWriter(folder, resolved.to_dict(REPOSITORY), EPOCH)
-        (done,) = shell.run([record], lambda tick, now, speed, station: None)
+        (done,) = shell.run([record], lambda tick, now, speed, s: None)
         shell.close()
         summary = summarise(resolved, done, folder, record.close())
         ticks = read_table(folder, "ticks")

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from tests.drive.street import MPH, drive_once, obstacle_station
+from tests.drive.street import MPH, drive_once, obstacle_s
 from tests.exhaustive import with_slow
 from tests.isolated import isolated
 
 SPEEDS_MPH = (5, 10, 15, 20, 25, 30, 35, 40, 45)
 SLOW_MPH = (5, 10, 15, 20)  #: that the path's first straight is long enough for
-FIRST_BEND, NEXT_BEND = (140.0, 180.0), 250.0  #: of the two, both to the left and equally tight: stations [m]
+FIRST_BEND, NEXT_BEND = (140.0, 180.0), 250.0  #: of the two, both to the left and equally tight: s [m]
 COMFORT = 3.5  #: [m/s2]
 
 
@@ -24,13 +24,13 @@ def at_speed(mph: float, seed: int) -> dict[str, Any]:
         "duration_s": 400.0,
         "road.demand": [],
         "ego.speed_mps": speed,
-        "obstacles": [{"id": "parked_car", "at_m": obstacle_station(speed)}],
+        "obstacles": [{"id": "parked_car", "at_m": obstacle_s(speed)}],
     }
 
 
 def slowly(mph: float, seed: int, *, bend: bool) -> dict[str, Any]:
     """Return the changes for a slow drive on the path's first straight, or on that and through its first bend."""
-    at = obstacle_station(mph * MPH, begin=(FIRST_BEND[1] if bend else 0.0) + 20.0)
+    at = obstacle_s(mph * MPH, begin=(FIRST_BEND[1] if bend else 0.0) + 20.0)
     assert at < (NEXT_BEND if bend else FIRST_BEND[0])
     return at_speed(mph, seed) | {"obstacles": [{"id": "parked_car", "at_m": at}]}
 

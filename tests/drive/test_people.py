@@ -31,7 +31,7 @@ from vve_sumo.people.simulated_phone import MAX_DELAY
 from vve_sumo.record.reader import read_table
 from vve_sumo.rig.load import parse as parse_rig
 
-AT = 150.0  #: station of the field's anchor [m]
+AT = 150.0  #: s of the field's anchor [m]
 FIELD = {"latitude_deg": 40.0065, "longitude_deg": -83.019, "heading_deg": 90.0, "least_distance_m": 50.0}
 
 

@@ -32,7 +32,7 @@ class Kept:
 def test_a_sample_has_what_the_signals_show_at_its_tick(repository: Path, tmp_path: Path, tells: bool) -> None:
     values = {"duration_s": 12.0}
     resolved, link = resolve_by_name("crossing_at_signal", repository, values=values), Kept()
-    brain = external_controller("own", link, resolved.map_frame, Mounting(0.0, 0.0), DEFAULT_EPOCH, tells_signals=tells)
+    brain = external_controller("own", link, resolved.map_frame, Mounting(0.0, 0.0), DEFAULT_EPOCH, needs_signals=tells)
     run(resolved, tmp_path / "drive", repository, brain=brain)
     recorded = read_signals(tmp_path / "drive")
     valid = [sample for sample in link.samples if sample.measured is not None]

@@ -18,8 +18,8 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import Actors, Point, Pose
 
-STATION = 100.0  #: of the rear axle on a straight path along +x [m]
-BUMPER = STATION + FUSION.vehicle.rear_axle_to_bumper
+EGO_S = 100.0  #: of the rear axle on a straight path along +x [m]
+BUMPER = EGO_S + FUSION.vehicle.rear_axle_to_bumper
 LENGTH, WIDTH = 4.0, 1.8  #: of everybody on the road [m]
 
 
@@ -36,16 +36,16 @@ def scenario(*demand: str) -> Scenario:
 
 
 def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("light",)) -> StandstillCause:
-    """Return what the car stands before: `road` are names, gaps ahead of its bumper [m], offsets [m], speeds [m/s]."""
+    """Return what the car stands before: `road` are names, gaps ahead of its bumper [m], d [m], speeds [m/s]."""
     path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
-    pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    names, gaps, offsets, speeds = zip(*road, strict=True) if road else ((), (), (), ())
+    pose = Pose(0.0, Point.REAR_AXLE, EGO_S, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    names, gaps, d, speeds = zip(*road, strict=True) if road else ((), (), (), ())
     column = np.array
     actors = Actors(
         time=0.0,
         ids=tuple(names),
         x=column([BUMPER + gap + LENGTH / 2.0 for gap in gaps], np.float64),
-        y=column(offsets, np.float64),
+        y=column(d, np.float64),
         heading=np.zeros(len(names)),
         speed=column(speeds, np.float64),
         length=np.full(len(names), LENGTH),
@@ -55,7 +55,7 @@ def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("li
         height=np.full(len(names), 1.5),
         kind=np.zeros(len(names), np.int8),
     )
-    return StandstillClassifier(scenario(*demand), path, FUSION.vehicle).classify(pose, STATION, actors)
+    return StandstillClassifier(scenario(*demand), path, FUSION.vehicle).classify(pose, EGO_S, actors)
 
 
 def test_an_obstacle_stays_and_so_does_a_standing_actor_of_the_scenario() -> None:
@@ -89,10 +89,10 @@ def test_nothing_is_ahead_beside_the_strip_too_far_away_or_behind(
 
 def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
     path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
-    pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    pose = Pose(0.0, Point.REAR_AXLE, EGO_S, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     empty = Actors.none(0.0)
     observer = StandstillClassifier(scenario(), path, FUSION.vehicle)
-    assert observer.classify(None, STATION, empty) is StandstillCause.CLEAR
+    assert observer.classify(None, EGO_S, empty) is StandstillCause.CLEAR
     assert observer.classify(pose, math.nan, empty) is StandstillCause.CLEAR
 
 

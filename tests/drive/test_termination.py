@@ -27,13 +27,13 @@ class Watch(TerminationMonitor):
         self,
         time: float,
         speed: float,
-        station: float,
+        s: float,
         state: ArmingState = ENGAGED,
         *,
         reasons: tuple[str, ...] = (),
         contact: bool = False,
     ) -> Outcome | None:
-        return self.step(time, speed, station, state, reasons, contact, lambda: StandstillCause.CLEAR)
+        return self.step(time, speed, s, state, reasons, contact, lambda: StandstillCause.CLEAR)
 
 
 def ending() -> Watch:
@@ -52,11 +52,11 @@ def test_rest_counts_only_after_the_car_was_under_way_and_only_in_one_piece() ->
     assert watch.see(11.0, 0.0, 40.1) is Outcome.STOPPED
 
 
-def at_rest(station: float, state: ArmingState, contact: bool, reasons: tuple[str, ...] = ()) -> Outcome | None:
+def at_rest(s: float, state: ArmingState, contact: bool, reasons: tuple[str, ...] = ()) -> Outcome | None:
     watch = ending()
     watch.see(0.0, 3.0, 0.0, contact=contact)
-    watch.see(1.0, 0.0, station, state, reasons=reasons)
-    return watch.see(3.5, 0.0, station, state, reasons=reasons)
+    watch.see(1.0, 0.0, s, state, reasons=reasons)
+    return watch.see(3.5, 0.0, s, state, reasons=reasons)
 
 
 def test_the_name_of_the_ending() -> None:
@@ -103,7 +103,7 @@ def ends(
     ahead: Callable[[float], StandstillCause],
     *,
     rest: float = 2.0,
-    station: float = 50.0,
+    s: float = 50.0,
     state: ArmingState = ENGAGED,
     moving: Callable[[float], bool] = lambda rested: False,
 ) -> tuple[float, Outcome | None]:
@@ -112,11 +112,11 @@ def ends(
     `ahead` is what the car stands before so long after it came to rest [s].
     """
     watch = Watch(path_length=100.0, rest=rest)
-    watch.see(0.0, 3.0, station)
+    watch.see(0.0, 3.0, s)
     for tick in range(round(300.0 / TICK)):
         rested = tick * TICK
         speed = 1.0 if moving(rested) else 0.0
-        outcome = watch.step(AT_REST_FROM + rested, speed, station, state, (), False, lambda: ahead(rested))  # noqa: B023
+        outcome = watch.step(AT_REST_FROM + rested, speed, s, state, (), False, lambda: ahead(rested))  # noqa: B023
         if outcome is not None:
             return rested, outcome
     return math.inf, None
@@ -156,13 +156,11 @@ def test_traffic_that_never_moves_again_is_the_end_at_last(rest: float) -> None:
     assert (found, outcome) == (pytest.approx(max(rest, MAX_REST), abs=1.5 * TICK), Outcome.STOPPED)
 
 
-@pytest.mark.parametrize(
-    ("station", "state", "outcome"), [(99.0, ENGAGED, Outcome.ARRIVED), (50.0, STOPPED, Outcome.FAULT)]
-)
+@pytest.mark.parametrize(("s", "state", "outcome"), [(99.0, ENGAGED, Outcome.ARRIVED), (50.0, STOPPED, Outcome.FAULT)])
 def test_at_the_end_of_its_path_or_held_by_its_gateway_the_car_waits_for_nobody(
-    station: float, state: ArmingState, outcome: Outcome
+    s: float, state: ArmingState, outcome: Outcome
 ) -> None:
-    assert ends(lambda _rested: StandstillCause.TEMPORARY, station=station, state=state) == (
+    assert ends(lambda _rested: StandstillCause.TEMPORARY, s=s, state=state) == (
         pytest.approx(2.0, abs=0.03),
         outcome,
     )

@@ -22,7 +22,7 @@ class Car:
     stops_with_others: bool = True
     outcome: Outcome | None = None
     code: str = ""
-    told: dict[str, dict[str, Any]] = field(default_factory=dict)
+    other_cars_lost: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def lost(self) -> str:
         return self.code
@@ -46,7 +46,7 @@ def test_each_car_stops_for_every_other_that_is_lost_and_for_itself_never(cars: 
     for place, car in enumerate(made):
         lost = {other.code for other in made if other is not car} - {""}
         assert set(others.codes(place, 1.0)) == (lost if car.stops_with_others else set())
-        assert set(car.told) == {other.id for other in made if other is not car and other.code}
+        assert set(car.other_cars_lost) == {other.id for other in made if other is not car and other.code}
 
 
 def test_a_car_is_told_once_with_time_and_reasons_also_one_that_goes_on() -> None:
@@ -54,7 +54,7 @@ def test_a_car_is_told_once_with_time_and_reasons_also_one_that_goes_on() -> Non
     first, second = Car("ego", stops_with_others=False), Car("second", code="other_car_stopped")
     others = OtherCars([first, second], said.append)
     assert [others.codes(0, now) for now in (1.0, 2.0)] == [(), ()]
-    assert first.told == {"second": {"code": "other_car_stopped", "time_s": 1.0, "reasons": ["pose_stale"]}}
+    assert first.other_cars_lost == {"second": {"code": "other_car_stopped", "time_s": 1.0, "reasons": ["pose_stale"]}}
     assert said == ["ego: another real car was stopped, or is no longer engaged (second); it goes on, as its rig says"]
 
 

@@ -25,7 +25,7 @@ TRIES = 3
 
 
 def scenario(folder: Path, at: float) -> Path:
-    """Write the shipped scenario with much more traffic, and the parked car at a station of the path [m]."""
+    """Write the shipped scenario with much more traffic, and the parked car at an s of the path [m]."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
     table["road"]["demand"] = [str(demand(folder, VEHICLES))]
     table["obstacles"][0]["at_m"] = at

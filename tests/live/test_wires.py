@@ -20,7 +20,7 @@ from vve_sumo.vehicle.interface import InterfaceConfig
 
 pytestmark = [pytest.mark.live, pytest.mark.thorough]
 
-PARKED_AT = 200.0  #: station of the parked car [m]
+PARKED_AT = 200.0  #: s of the parked car [m]
 #: a machine that stands still for longer than the gateway's timer may is no machine for this test; so many may not
 TRIES = 3
 

@@ -44,10 +44,10 @@ def covered(places: list[DrivenPlace]) -> shapely.Geometry:
 
 
 def in_corridor(path: ReferencePath, corridor: tuple[CorridorStretch, ...]) -> list[DrivenPlace]:
-    """The places of a drive at the stations of a corridor."""
+    """The places of a drive where its corridor is."""
     places = geofence(ANYWHERE).driven(path, SPEED, corridor)
-    stations = {place.station for place in places if place.offset}
-    return [place for place in places if place.station in stations]
+    at_lines = {place.s for place in places if place.d}
+    return [place for place in places if place.s in at_lines]
 
 
 def body_at(path: ReferencePath, s: float, d: float) -> shapely.Polygon:
@@ -95,8 +95,8 @@ def test_on_a_straight_line_the_ground_is_a_rectangle_more() -> None:
 def test_without_a_corridor_the_drive_is_the_same() -> None:
     path, fence = bend(12.0, 12, 8), geofence(ANYWHERE)
     with_one = fence.driven(path, SPEED, (CorridorStretch(5.0, 9.0, 2.0, 2.0),))
-    assert [place for place in with_one if place.offset == 0.0] == fence.driven(path, SPEED)
-    assert {place.station for place in with_one if place.offset != 0.0} == {5.0, 6.0, 7.0, 8.0, 9.0}
+    assert [place for place in with_one if place.d == 0.0] == fence.driven(path, SPEED)
+    assert {place.s for place in with_one if place.d != 0.0} == {5.0, 6.0, 7.0, 8.0, 9.0}
 
 
 ANGLES = st.sampled_from([-2.0, -1.2, -0.4, 0.4, 1.2, 2.0])
@@ -142,24 +142,22 @@ def test_the_ground_holds_the_car_wherever_it_may_be(
 
 @pytest.mark.thorough
 @settings(deadline=None, max_examples=20)
-@example(first=-0.4, second=-2.0, radius=7.0, offset=0.38, side=1.0, begin=22.0)  # 5 cm beside the ground
-@example(first=-0.388, second=-1.186, radius=10.41, offset=3.026, side=-1.0, begin=20.422)  # 25 cm
-@given(
-    first=ANGLES, second=ANGLES, radius=RADII, offset=WIDTHS, side=st.sampled_from([-1.0, 1.0]), begin=st.floats(5, 60)
-)
+@example(first=-0.4, second=-2.0, radius=7.0, d=0.38, side=1.0, begin=22.0)  # 5 cm beside the ground
+@example(first=-0.388, second=-1.186, radius=10.41, d=3.026, side=-1.0, begin=20.422)  # 25 cm
+@given(first=ANGLES, second=ANGLES, radius=RADII, d=WIDTHS, side=st.sampled_from([-1.0, 1.0]), begin=st.floats(5, 60))
 def test_the_ground_holds_a_stop_along_the_parallel_line(
-    first: float, second: float, radius: float, offset: float, side: float, begin: float
+    first: float, second: float, radius: float, d: float, side: float, begin: float
 ) -> None:
     """The car rolls along shapely's parallel line until it has gone as far as the gateway's stop takes."""
-    assume(radius - offset > 1.15 / VEHICLE.tightest_curvature)  # no car follows a tighter line
+    assume(radius - d > 1.15 / VEHICLE.tightest_curvature)  # no car follows a tighter line
     path = winding(first, second, radius)
-    corridor = (CorridorStretch(begin, begin, max(side * offset, 0.0), max(-side * offset, 0.0)),)
-    place = next(p for p in in_corridor(path, corridor) if p.offset == pytest.approx(side * offset))
+    corridor = (CorridorStretch(begin, begin, max(side * d, 0.0), max(-side * d, 0.0)),)
+    place = next(p for p in in_corridor(path, corridor) if p.d == pytest.approx(side * d))
     # The ground is that of the fallback path, which the gateway follows: where the bend changes it runs beside the
     # parallel line, by a quarter of a metre at most of 237 paths drawn by chance. A lot's margin is four times that.
     ground = covered([place]).buffer(0.3)
-    dense = np.linspace(place.station, place.station + 60.0, 4000)
-    line = shapely.offset_curve(shapely.LineString([path.at(one)[:2] for one in dense]), side * offset)
+    dense = np.linspace(place.s, place.s + 60.0, 4000)
+    line = shapely.offset_curve(shapely.LineString([path.at(one)[:2] for one in dense]), side * d)
     for gone in np.linspace(0.0, GATEWAY.distance(place.pose.speed), 12):
         here, there = (shapely.line_interpolate_point(line, gone + step) for step in (0.0, 0.02))
         heading = math.atan2(there.y - here.y, there.x - here.x)
@@ -172,7 +170,7 @@ def test_the_ground_holds_a_stop_along_the_parallel_line(
 def test_beyond_the_centre_of_a_bend_the_car_is_on_its_tightest_circle() -> None:
     path = bend(9.0, 20, 20)
     corridor = (CorridorStretch(20.0, 34.0, 12.0, 0.0),)
-    places = [place for place in geofence(ANYWHERE).driven(path, SPEED, corridor) if place.offset > 3.0]
+    places = [place for place in geofence(ANYWHERE).driven(path, SPEED, corridor) if place.d > 3.0]
     bends = np.array([place.fallback_path.curvature[0] for place in places])
     assert np.isfinite(bends).all()
     assert bends.max() == pytest.approx(VEHICLE.tightest_curvature, rel=1e-9)
@@ -235,14 +233,14 @@ def test_what_sticks_out_is_told_by_place_side_and_distance(left: float, right: 
         return
     assert excess is not None
     assert excess.begin == 40.0
-    assert 40.0 <= excess.station <= 50.0
-    assert excess.offset == pytest.approx(left if left > right else -right)
+    assert 40.0 <= excess.s <= 50.0
+    assert excess.d == pytest.approx(left if left > right else -right)
     assert excess.distance == pytest.approx(over, abs=0.01)
     side = f"{left:.1f} m left" if left > right else f"{right:.1f} m right"
     assert "from 40 m on, the corridor leaves the lot" in excess.text()
     assert f"from {side} of the path, a stop reaches {over:.1f} m over the margin" in excess.text()
     assert not found.whole
-    assert found.station == 39.0
+    assert found.last_s == 39.0
 
 
 @pytest.mark.thorough

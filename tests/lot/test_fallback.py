@@ -25,9 +25,9 @@ ROUND_A_CORNER = ReferencePath.from_points(
 CIRCLE = ReferencePath.from_points(30.0 * np.cos(np.linspace(0.0, 5.0, 160)), 30.0 * np.sin(np.linspace(0.0, 5.0, 160)))
 
 
-def beside(path: ReferencePath, s: float, offset: float, turned: float, speed: float) -> Pose:
+def beside(path: ReferencePath, s: float, d: float, turned: float, speed: float) -> Pose:
     at = path.at(s)
-    x, y = at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading)
+    x, y = at.x - d * math.sin(at.heading), at.y + d * math.cos(at.heading)
     return Pose(0.0, Point.REAR_AXLE, x, y, at.heading + turned, speed, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -50,26 +50,26 @@ def followed(start: Pose, profile: FallbackPath, distance: float) -> list[tuple[
 @settings(max_examples=80, deadline=None)
 @given(
     s=st.floats(0.0, 90.0),
-    offset=st.floats(-0.3, 0.3),
+    d=st.floats(-0.3, 0.3),
     turned=st.floats(-0.05, 0.05),
     speed=st.floats(0.5, 6.0),
     wheel=st.floats(-0.02, 0.02),
 )
 def test_following_it_from_a_small_deviation_ends_near_the_path(
-    s: float, offset: float, turned: float, speed: float, wheel: float
+    s: float, d: float, turned: float, speed: float, wheel: float
 ) -> None:
-    start = beside(ROUND_A_CORNER, s, offset, turned, speed)
+    start = beside(ROUND_A_CORNER, s, d, turned, speed)
     steering = steering_for(ROUND_A_CORNER.at(s).curvature, speed) + wheel
     way = fallback_path(start, steering, ROUND_A_CORNER, s, VEHICLE)
     assert way is not None
     rest = 0.2 * speed + speed**2 / 4.8
     ways = followed(start, way, rest)
-    deviations = [abs(ROUND_A_CORNER.project(x, y, s).offset) for x, y, _heading in ways[:: max(len(ways) // 20, 1)]]
+    deviations = [abs(ROUND_A_CORNER.project(x, y, s).d) for x, y, _heading in ways[:: max(len(ways) // 20, 1)]]
     assert max(deviations, default=0.0) < 0.75
     if rest > 5.0:
         x, y, heading = ways[-1]
         at = ROUND_A_CORNER.project(x, y, s + rest)
-        assert abs(at.offset) < 0.6 * abs(offset) + 0.12
+        assert abs(at.d) < 0.6 * abs(d) + 0.12
         assert abs(math.remainder(heading - at.heading, math.tau)) < 0.12
 
 
@@ -121,26 +121,26 @@ def test_there_is_none_from_nowhere(field: str, bad: float, distance: float | No
 
 
 @pytest.mark.parametrize(
-    ("offset", "turned", "steering", "station"),
+    ("d", "turned", "steering", "s"),
     [(6.0, 0.0, 0.0, 10.0), (0.0, 1.5, 0.0, 10.0), (0.0, 0.0, math.nan, 10.0), (0.0, 0.0, 0.0, math.nan)],
 )
-def test_there_is_none_from_far_off(offset: float, turned: float, steering: float, station: float) -> None:
-    assert fallback_path(beside(CIRCLE, 10.0, offset, turned, 5.0), steering, CIRCLE, station, VEHICLE) is None
+def test_there_is_none_from_far_off(d: float, turned: float, steering: float, s: float) -> None:
+    assert fallback_path(beside(CIRCLE, 10.0, d, turned, 5.0), steering, CIRCLE, s, VEHICLE) is None
 
 
 @settings(max_examples=300, deadline=None)
 @given(
     numbers=st.tuples(*[st.floats(-1e6, 1e6) | st.floats()] * 4),
     steering=st.floats(-0.6, 0.6) | st.floats(),
-    station=st.floats(-10.0, 200.0) | st.floats(),
+    s=st.floats(-10.0, 200.0) | st.floats(),
 )
 def test_a_deferred_path_is_the_one_that_is_computed_at_once_and_always_well_formed(
-    numbers: tuple[float, float, float, float], steering: float, station: float
+    numbers: tuple[float, float, float, float], steering: float, s: float
 ) -> None:
     x, y, heading, speed = numbers
     pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
-    at_once = fallback_path(pose, steering, CIRCLE, station, VEHICLE)
-    assert resolve_fallback_path(deferred_fallback_path(pose, steering, CIRCLE, station, VEHICLE)) == at_once
+    at_once = fallback_path(pose, steering, CIRCLE, s, VEHICLE)
+    assert resolve_fallback_path(deferred_fallback_path(pose, steering, CIRCLE, s, VEHICLE)) == at_once
     assert at_once is None or well_formed(at_once)
 
 

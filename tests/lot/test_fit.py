@@ -44,7 +44,7 @@ def proven(found: Fit, lot: Lot, path: ReferencePath, speed: float) -> None:
     first = geofence(lot).aligned(found.alignment).along(path, speed)
     assert (first is None) == found.whole
     if first is not None:
-        assert first > found.station
+        assert first > found.last_s
     x, y, heading = found.start
     back = found.alignment
     street = back.rotation + heading
@@ -62,7 +62,7 @@ def test_a_straight_path_lies_in_the_middle_of_a_runway(width: float) -> None:
     found = fit(STRAIGHT, geofence(lot), 8.0)
     proven(found, lot, STRAIGHT, 8.0)
     assert found.whole
-    assert found.station >= STRAIGHT.length
+    assert found.last_s >= STRAIGHT.length
     assert found.clearance == pytest.approx(0.5 * (width - VEHICLE.width) - 1.0, abs=0.05)
     assert math.remainder(found.start[2] - 0.5, math.pi) == pytest.approx(0.0, abs=0.02)
 
@@ -140,8 +140,8 @@ def test_a_path_too_long_is_cut_where_the_lot_ends() -> None:
     assert not found.whole
     reserve = max(GATEWAY.distance(6.0), WATCHDOG.distance(6.0))
     known = 70.0 - 2.0 - VEHICLE.length - reserve
-    assert found.station == pytest.approx(known, abs=3.0)
-    assert found.station <= known + 0.3
+    assert found.last_s == pytest.approx(known, abs=3.0)
+    assert found.last_s <= known + 0.3
 
 
 @pytest.mark.thorough
@@ -157,9 +157,9 @@ def test_what_is_cut_still_fits_when_a_file_has_rounded_it(rounding: float) -> N
     lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)
     fence = Geofence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
     whole = ReferencePath.from_points(np.arange(0.0, 95.0), np.zeros(95))
-    station = fence.along(whole, 8.0)
-    assert station is not None
-    short = shortened(whole, fence, 8.0, station)
-    assert station - 2.0 < short.length < station
+    leaves = fence.along(whole, 8.0)
+    assert leaves is not None
+    short = shortened(whole, fence, 8.0, leaves)
+    assert leaves - 2.0 < short.length < leaves
     x = np.linspace(0.0, short.length, 60) * rounding
     assert fence.along(ReferencePath.from_points(x, np.zeros(60)), 8.0) is None

@@ -239,8 +239,8 @@ def test_a_path_is_checked_as_a_whole() -> None:
     lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)
     into_the_wall = ReferencePath.from_points(np.arange(0.0, 95.0), np.zeros(95))
     reserve = max(GATEWAY.distance(8.0), WATCHDOG.distance(8.0)) + VEHICLE.rear_axle_to_bumper
-    station = geofence(lot).along(into_the_wall, 8.0)
-    assert station == math.ceil(99.0 - reserve)
+    leaves = geofence(lot).along(into_the_wall, 8.0)
+    assert leaves == math.ceil(99.0 - reserve)
     assert geofence(lot).along(ReferencePath.from_points(np.arange(0.0, 60.0), np.zeros(60)), 8.0) is None
     assert geofence(lot).along(ReferencePath.from_points(np.arange(-9.0, 60.0), np.zeros(69)), 8.0) == 0.0
 
@@ -252,7 +252,7 @@ def test_a_bend_is_checked_at_the_speed_that_it_allows() -> None:
     path = ReferencePath.from_points(x, y)
     places = geofence(Lot(LANE)).driven(path, 15.0)
     fastest = max(place.pose.speed for place in places)
-    in_bend = [place.pose.speed for place in places if 42.0 < place.station < 54.0]
+    in_bend = [place.pose.speed for place in places if 42.0 < place.s < 54.0]
     assert max(in_bend) <= math.sqrt(3.0 * 10.0) + 0.5
     assert 6.0 < fastest < 15.0
     assert places[0].pose.speed == 0.0

@@ -20,10 +20,10 @@ ELL = [(0.0, 0.0), (100.0, 0.0), (100.0, 40.0), (60.0, 40.0), (60.0, 90.0), (0.0
 def walk(corners: list[tuple[float, float]], begin: float = 0.0, step: float = 0.4, closed: bool = True) -> np.ndarray:
     """Places every `step` along a closed line, from `begin` on and once around [m]."""
     line = np.array([*corners, corners[0]])
-    stations = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    whole = stations[-1] if closed else 0.7 * stations[-1]
-    s = (begin + np.arange(0.0, whole, step)) % stations[-1]
-    return np.stack([np.interp(s, stations, line[:, axis]) for axis in (0, 1)], axis=1)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    whole = along[-1] if closed else 0.7 * along[-1]
+    s = (begin + np.arange(0.0, whole, step)) % along[-1]
+    return np.stack([np.interp(s, along, line[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def found(places: np.ndarray, sigma: float = 0.02):

@@ -127,14 +127,14 @@ def test_it_is_as_if_the_commanded_path_were_the_scenarios(
 
 def test_behind_its_end_a_commanded_path_leads_on_along_the_scenarios_or_straight() -> None:
     base = over_and_back((100.0, 150.0, 200.0, 250.0), 20.0)
-    onto = ReferencePath.from_points(*zip(*[base.at(s)[:2] for s in np.arange(20.0, 61.0, 2.0)], strict=True))
+    onto = ReferencePath.from_points(*zip(*[base.at(at_s)[:2] for at_s in np.arange(20.0, 61.0, 2.0)], strict=True))
     off = ReferencePath.from_points([20.0, 40.0, 60.0], [0.0, 2.0, 4.0])
     routes = Routes.from_paths(base, [(onto, 20.0), (off, 20.0)])
-    station = np.array([0.0, 35.0, 90.0, 150.0])
-    own, joined, straight_on = (routes.at(np.full(4, n), station + (20.0 if n == 0 else 0.0)) for n in range(3))
+    s = np.array([0.0, 35.0, 90.0, 150.0])
+    own, joined, straight_on = (routes.at(np.full(4, n), s + (20.0 if n == 0 else 0.0)) for n in range(3))
     np.testing.assert_allclose([joined.x, joined.y, joined.heading], [own.x, own.y, own.heading], atol=0.02)
     direction = math.atan2(4.0, 40.0)
-    x, y = 20.0 + station * math.cos(direction), station * math.sin(direction)
+    x, y = 20.0 + s * math.cos(direction), s * math.sin(direction)
     np.testing.assert_allclose([straight_on.x, straight_on.y], [x, y], atol=1e-6)
     assert routes.length.tolist() == pytest.approx([base.length, base.length - 20.0, math.inf], abs=0.01)
 

@@ -16,7 +16,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.path import ReferencePath
 
-START = 20.0  #: station of the ego's rear axle at the tick that is judged [m]
+START = 20.0  #: s of the ego's rear axle at the tick that is judged [m]
 BUMPER = START + CAR.rear_axle_to_bumper
 LENGTH, WIDTH = 4.0, 2.0  #: of the actor [m]
 LORRY = (18.75, 2.55)  #: length and width with a trailer [m]
@@ -134,7 +134,7 @@ def test_the_time_to_collision_is_that_of_two_bodies_in_small_steps(
 
 
 @pytest.mark.parametrize(
-    ("radius", "station", "aside", "turned", "speed"),
+    ("radius", "s", "aside", "turned", "speed"),
     [
         # Its middle is 7 m from the path, but its front stands in the bend that the ego comes around.
         (24.4, 53.1, 7.0, 0.39, 7.1),
@@ -145,10 +145,10 @@ def test_the_time_to_collision_is_that_of_two_bodies_in_small_steps(
     ],
 )
 def test_a_lorry_that_stands_at_a_bend_is_met_with_its_ends(
-    radius: float, station: float, aside: float, turned: float, speed: float
+    radius: float, s: float, aside: float, turned: float, speed: float
 ) -> None:
     path = bend(radius)
-    foot = path.at(station)
+    foot = path.at(s)
     x, y = foot.x - aside * math.sin(foot.heading), foot.y + aside * math.cos(foot.heading)
     heading = foot.heading + turned
     met, _ = steps(path, speed, x, y, heading, 0.0, size=LORRY)
@@ -161,14 +161,12 @@ def test_a_lorry_that_stands_at_a_bend_is_met_with_its_ends(
 @pytest.mark.thorough
 @settings(max_examples=30, deadline=None)
 @given(
-    radius=st.floats(8.0, 25.0), station=st.floats(25.0, 60.0), aside=st.floats(-8.0, 8.0), turned=st.floats(-0.8, 0.8),
+    radius=st.floats(8.0, 25.0), s=st.floats(25.0, 60.0), aside=st.floats(-8.0, 8.0), turned=st.floats(-0.8, 0.8),
     speed=st.floats(3.0, 9.0),
 )  # fmt: skip
-def test_who_stands_never_runs_into_the_ego(
-    radius: float, station: float, aside: float, turned: float, speed: float
-) -> None:
+def test_who_stands_never_runs_into_the_ego(radius: float, s: float, aside: float, turned: float, speed: float) -> None:
     path = bend(radius)
-    foot = path.at(station)
+    foot = path.at(s)
     x, y = foot.x - aside * math.sin(foot.heading), foot.y + aside * math.cos(foot.heading)
     place = (x, y, foot.heading + turned)
     met, _ = steps(path, speed, *place, 0.0, size=LORRY)

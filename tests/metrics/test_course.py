@@ -70,7 +70,7 @@ def test_path_and_arc_join_where_the_car_drives_as_the_path_goes() -> None:
     x, y, heading = 40.0 * math.sin(s / 40.0), 40.0 - 40.0 * math.cos(s / 40.0), s / 40.0
     bodies = []
     for leaves in (False, True):
-        start = one(x, y, heading, 1.0 / 40.0, leaves)._replace(station=np.array([s]))
+        start = one(x, y, heading, 1.0 / 40.0, leaves)._replace(s=np.array([s]))
         course = PredictedCourse(path, CAR, start)
         bodies.append(
             np.array([course.body(start, np.array([gone]), np.array([SPEED]))[:3] for gone in (0.0, 20.0, 70.0)])

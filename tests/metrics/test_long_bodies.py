@@ -106,12 +106,12 @@ def polygons(x: Floats, y: Floats, heading: Floats, length: float, width: float)
     )
 
 
-def scene(station: float, speed: float, front: float, other: float, aside: float) -> DriveData:
+def scene(ego_s: float, speed: float, front: float, other: float, aside: float) -> DriveData:
     """A drive whose first tick is judged, and a bus that is seen for another 2 s."""
     x, y, heading = bus(front + other * PERIOD * np.arange(100.0), aside)
     unknown = {"true_x_m": math.nan, "x_m": math.nan, "s_m": math.nan}
     ego = [{"time_s": PERIOD * i, **unknown} for i in range(len(x))]
-    ego[0] = {"true_x_m": station, "s_m": station, "true_speed_mps": speed}
+    ego[0] = {"true_x_m": ego_s, "s_m": ego_s, "true_speed_mps": speed}
     actors = [
         {"tick": i, "actor": "bus", "x_m": x[i], "y_m": y[i], "heading_rad": heading[i], "speed_mps": other}
         | {"length_m": LENGTH, "width_m": WIDTH}
@@ -128,13 +128,13 @@ def test_contact_with_a_bus_in_a_bend_is_when_brute_force_has_it(seed: int) -> N
     time = np.arange(0.0, 4.0, STEP)
     found, clear = 0, 0
     for _ in range(200):
-        station, speed = random.uniform(20.0, 60.0), random.uniform(0.0, 15.0)
+        ego_s, speed = random.uniform(20.0, 60.0), random.uniform(0.0, 15.0)
         front, other, aside = random.uniform(-20.0, 25.0), random.uniform(1.0, 10.0), random.uniform(-1.5, 1.0)
-        drive = scene(station, speed, front, other, aside)
+        drive = scene(ego_s, speed, front, other, aside)
         assert drive.predicted.places.chord[0] == LENGTH
         x, y, heading = bus(front + other * time, aside)
         bodies = polygons(x, y, heading, LENGTH, WIDTH)
-        ego_x = station + speed * time + CAR.rear_axle_to_bumper - CAR.length / 2.0
+        ego_x = ego_s + speed * time + CAR.rear_axle_to_bumper - CAR.length / 2.0
         ego = polygons(ego_x, np.zeros(len(time)), np.zeros(len(time)), CAR.length, CAR.width)
         apart, met = shapely.distance(ego, bodies), drive.contacts.time[0]
         touches = np.flatnonzero(apart <= 0.0)

@@ -22,9 +22,9 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
 
 SCENES = 2000  #: of one batch
-STATION = 100.0  #: of the rear axle [m]
-REAR = STATION + CAR.rear_axle_to_bumper - CAR.length
-BUMPER = STATION + CAR.rear_axle_to_bumper
+EGO_S = 100.0  #: of the rear axle [m]
+REAR = EGO_S + CAR.rear_axle_to_bumper - CAR.length
+BUMPER = EGO_S + CAR.rear_axle_to_bumper
 HALF = CAR.width / 2.0
 END = 2000.0  #: of the path [m]
 
@@ -50,7 +50,7 @@ def scenes(seed: int) -> Scenes:
 
     length = random.choice([0.5, 4.3, 12.0, 18.75], SCENES)
     width = np.choose(np.searchsorted([0.5, 4.3, 12.0], length), [0.5, 1.8, 2.5, 2.55])
-    x, y = STATION + between(-10.0, 80.0), between(-25.0, 25.0)
+    x, y = EGO_S + between(-10.0, 80.0), between(-25.0, 25.0)
     near = random.random(SCENES) < 0.5
     y = np.where(near, 0.2 * y, y)
     other = np.where(random.random(SCENES) < 0.2, 0.0, between(0.3, 15.0))
@@ -59,7 +59,7 @@ def scenes(seed: int) -> Scenes:
 
 def drive(scene: Scenes) -> DriveData:
     ticks = [
-        {"time_s": float(i), "true_x_m": STATION, "s_m": STATION, "true_speed_mps": v}
+        {"time_s": float(i), "true_x_m": EGO_S, "s_m": EGO_S, "true_speed_mps": v}
         for i, v in enumerate(scene.speed.tolist())
     ]
     names = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")

@@ -17,23 +17,23 @@ def test_left_of_a_straight_path_is_positive_and_so_is_a_heading_to_the_left() -
     along = np.linspace(0.0, 100.0, 40)
     path = ReferencePath.from_points(-along, -1e-3 * along)
     heading = -math.pi + math.atan(1e-3)
-    station, offset = np.array([20.0, 50.0, 80.0]), np.array([0.3, -0.7, 0.0])
-    x = station * math.cos(heading) - offset * math.sin(heading)
-    y = station * math.sin(heading) + offset * math.cos(heading)
+    s, d = np.array([20.0, 50.0, 80.0]), np.array([0.3, -0.7, 0.0])
+    x = s * math.cos(heading) - d * math.sin(heading)
+    y = s * math.sin(heading) + d * math.cos(heading)
     error = np.array([0.01, -0.02, 3.0])
     turns = np.array([0.0, 2.0, -1.0]) * 2.0 * math.pi
-    found = track(path, x, y, heading + error + turns, station + 1.0)
-    np.testing.assert_allclose(found.lateral_deviation, offset, atol=1e-9)
+    found = track(path, x, y, heading + error + turns, s + 1.0)
+    np.testing.assert_allclose(found.lateral_deviation, d, atol=1e-9)
     np.testing.assert_allclose(found.heading_error, error, atol=1e-9)
 
 
 def test_inside_a_left_turn_is_left_and_the_frame_turns_with_the_path() -> None:
     angles = np.linspace(0.0, math.pi, 200)
     path = ReferencePath.from_points(40.0 * np.sin(angles), 40.0 - 40.0 * np.cos(angles))
-    at, offset, error = np.linspace(0.3, 2.8, 30), 0.4, 0.05
-    x, y = (40.0 - offset) * np.sin(at), 40.0 - (40.0 - offset) * np.cos(at)
+    at, d, error = np.linspace(0.3, 2.8, 30), 0.4, 0.05
+    x, y = (40.0 - d) * np.sin(at), 40.0 - (40.0 - d) * np.cos(at)
     found = track(path, x, y, at + error, 40.0 * at)
-    np.testing.assert_allclose(found.lateral_deviation, offset, atol=1e-3)
+    np.testing.assert_allclose(found.lateral_deviation, d, atol=1e-3)
     np.testing.assert_allclose(found.heading_error, error, atol=1e-3)
 
 

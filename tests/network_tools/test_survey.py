@@ -52,10 +52,10 @@ def _centre(network: Path, edges: list[str]):
 
 def _curvature(points: np.ndarray) -> np.ndarray:
     """Curvature of the cubic spline over chord length [1/m], every 0.1 m: scipy's own, not the package's path."""
-    stations = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    spline = CubicSpline(stations, points)
-    s = np.arange(0.0, stations[-1], 0.1)
-    (dx, dy), (ddx, ddy) = spline(s, 1).T, spline(s, 2).T
+    chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    spline = CubicSpline(chord, points)
+    at = np.arange(0.0, chord[-1], 0.1)
+    (dx, dy), (ddx, ddy) = spline(at, 1).T, spline(at, 2).T
     return (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3
 
 

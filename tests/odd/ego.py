@@ -28,7 +28,7 @@ class Manoeuvre(NamedTuple):
     name: str
     speed: float  #: wanted [m/s]; negative is backwards
     seconds: float  #: how long
-    offset: float = 0.0  #: wanted beside the path [m], left positive
+    d: float = 0.0  #: wanted beside the path [m], left positive
     turn: float = 0.3  #: greatest angle to the path on the way there [rad]
     in_junction: bool = False  #: wait for the next junction before it begins
 
@@ -57,9 +57,9 @@ class OddEgo:
     """The ego on its way; `step` moves it."""
 
     def __init__(self, path: ReferencePath, vehicle: Vehicle, start: float, means: Iterator[Manoeuvre]) -> None:
-        """Begin at a station of the path [m], for the rear axle; `means` is what it does, one after the other."""
+        """Begin at an s of the path [m], for the rear axle; `means` is what it does, one after the other."""
         self._path, self._vehicle, self._plan = path, vehicle, means
-        self._s, self._offset, self._turn, self._speed = start, 0.0, 0.0, 0.0
+        self._s, self._d, self._turn, self._speed = start, 0.0, 0.0, 0.0
         self._time = self._until = 0.0
         self._next: Manoeuvre | None = None
         self.manoeuvre = next(self._plan)
@@ -94,7 +94,7 @@ class OddEgo:
     def _bumper(self) -> tuple[float, float, float]:
         at = self._path.at(self._s)
         heading, ahead = at.heading + self._turn, self._vehicle.rear_axle_to_bumper
-        x, y = at.x - self._offset * math.sin(at.heading), at.y + self._offset * math.cos(at.heading)
+        x, y = at.x - self._d * math.sin(at.heading), at.y + self._d * math.cos(at.heading)
         return x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading
 
     def _choose(self, in_junction: bool) -> None:
@@ -113,14 +113,14 @@ class OddEgo:
         self._until, self.blocked_since = self._time + self.manoeuvre.seconds, math.inf
 
     def _move(self, period: float) -> None:
-        away = self.manoeuvre.offset - self._offset
+        away = self.manoeuvre.d - self._d
         wanted = min(max(0.4 * away, -self.manoeuvre.turn), self.manoeuvre.turn) * (1.0 if self._speed >= 0.0 else -1.0)
         if self._speed != 0.0:
             most = STEERING * period
             self._turn += min(max(wanted - self._turn, -most), most)
         at = self._path.at(self._s)
-        self._s += self._speed * period * math.cos(self._turn) / max(1.0 - at.curvature * self._offset, 0.2)
-        self._offset += self._speed * period * math.sin(self._turn)
+        self._s += self._speed * period * math.cos(self._turn) / max(1.0 - at.curvature * self._d, 0.2)
+        self._d += self._speed * period * math.sin(self._turn)
         if self._s > self._path.length - 60.0 and self._speed > 0.0:
             self._s -= self._path.length - 120.0
 

@@ -85,8 +85,8 @@ class VehicleInterfaceConformance:
         if facts.acceleration_limits is None:
             assert 1000.0 <= facts.brake_torque_limit < math.inf
         else:
-            assert -math.inf < facts.acceleration_limits.least <= -2.0
-            assert 0.5 <= facts.acceleration_limits.greatest < math.inf
+            assert -math.inf < facts.acceleration_limits.minimum <= -2.0
+            assert 0.5 <= facts.acceleration_limits.maximum < math.inf
         assert 0.0 < facts.wheel_angle_limit < math.inf
         assert 0.0 < facts.wheel_rate_limit < math.inf
         assert PERIOD < facts.command_timeout < math.inf
@@ -448,7 +448,7 @@ def _taken(facts: InterfaceFacts) -> tuple[str, ...]:
 def _largest(facts: InterfaceFacts, quantity: str) -> float:
     limits = facts.acceleration_limits
     if quantity == "acceleration" and limits is not None:
-        return max(-limits.least, limits.greatest)
+        return max(-limits.minimum, limits.maximum)
     return facts.brake_torque_limit if quantity == "brake_torque" else 1.0
 
 

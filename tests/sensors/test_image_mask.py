@@ -85,7 +85,7 @@ def picture_of(view: Pinhole, at: CameraPlace, blocks: Blocks, walls: Walls, rea
 
 
 def shares(mask: Mask, blocks: Blocks) -> dict[int, float]:
-    return {row: float(mask.seen(row).sum()) / mask.drawn[row].pixels for row in mask.drawn}
+    return {row: float(mask.visible_pixels(row).sum()) / mask.drawn[row].pixels for row in mask.drawn}
 
 
 def bodies(blocks: Blocks, shown: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ def child(x: float, y: float) -> Actors:
 
 
 def seen(scene: Actors, sector: Sector = ALL_ROUND, own: int = 0, walls: object = NO_WALLS) -> set[str]:
-    rows = Surroundings(scene, FAR_AWAY, FUSION, walls).seen(sector, own)  # type: ignore[arg-type]
+    rows = Surroundings(scene, FAR_AWAY, FUSION, walls).visible_rows(sector, own)  # type: ignore[arg-type]
     return {scene.ids[row] for row in rows}
 
 
@@ -102,14 +102,14 @@ def test_a_low_body_hides_nobody_and_a_high_one_does() -> None:
 def test_the_ego_hides_whom_it_stands_before() -> None:
     scene = both(actors([car(0.0, 0.0)], ["own"]), child(40.0, 0.0))
     standing = rear_axle(20.0, 0.0)
-    assert Surroundings(scene, standing, FUSION, NO_WALLS).seen(ALL_ROUND, 0) == []
+    assert Surroundings(scene, standing, FUSION, NO_WALLS).visible_rows(ALL_ROUND, 0) == []
     beside = rear_axle(20.0, 3.0)
-    assert Surroundings(scene, beside, FUSION, NO_WALLS).seen(ALL_ROUND, 0) == [1]
+    assert Surroundings(scene, beside, FUSION, NO_WALLS).visible_rows(ALL_ROUND, 0) == [1]
     # It reaches from its rear overhang to its front bumper.
     behind = rear_axle(40.3 + FUSION.rear_overhang, 0.0)
-    assert Surroundings(scene, behind, FUSION, NO_WALLS).seen(ALL_ROUND, 0) == [1]
+    assert Surroundings(scene, behind, FUSION, NO_WALLS).visible_rows(ALL_ROUND, 0) == [1]
     before = rear_axle(39.7 - BUMPER, 0.0)
-    assert Surroundings(scene, before, FUSION, NO_WALLS).seen(ALL_ROUND, 0) == []
+    assert Surroundings(scene, before, FUSION, NO_WALLS).visible_rows(ALL_ROUND, 0) == []
 
 
 def test_a_place_errs_by_its_sigma_and_a_number_stays() -> None:

@@ -56,14 +56,14 @@ def test_a_swerve_avoids_from_its_least_time_on(speed: float, width: float) -> N
 def test_both_are_no_worse_than_either() -> None:
     for name, case in vru.CASES.items():
         for kmh in (20.0, 40.0, 60.0):
-            braking, steering, both = (vru.most_clearance(CAR, case, means, kmh / 3.6) for means in vru.MEANS)
+            braking, steering, both = (vru.max_clearance(CAR, case, means, kmh / 3.6) for means in vru.MEANS)
             assert both >= max(braking, steering), name
 
 
 def test_nobody_who_comes_head_on_is_avoided_by_braking() -> None:
     case = vru.CASES["bicyclist_oncoming"]
-    assert all(vru.most_clearance(CAR, case, "braking", kmh / 3.6) == 0.0 for kmh in vru.SPEEDS)
-    assert all(vru.most_clearance(CAR, case, "steering", kmh / 3.6) > vru.CLEARANCE for kmh in vru.SPEEDS)
+    assert all(vru.max_clearance(CAR, case, "braking", kmh / 3.6) == 0.0 for kmh in vru.SPEEDS)
+    assert all(vru.max_clearance(CAR, case, "steering", kmh / 3.6) > vru.CLEARANCE for kmh in vru.SPEEDS)
 
 
 @pytest.mark.parametrize("name", vru.CASES)

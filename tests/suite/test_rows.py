@@ -238,7 +238,7 @@ def test_a_string_of_acc_is_excused_below_twice_delay_and_lag():
         k1, late = 1e-5 * k2, np.exp(-delay * s)
         gain = np.abs(late * (k1 + k2 * s) / (s * s * (lag * s + 1.0) + late * (k1 + (k2 + k1 * headway) * s)))
         assert row.need.avoidable == (gain.max() < 1.0001), headway
-        assert (row.need.unit, row.string.most) == ("s", 1.0)
+        assert (row.need.unit, row.string.max_amplification) == ("s", 1.0)
 
 
 @pytest.mark.thorough(witnesses=2)

@@ -32,7 +32,7 @@ from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.plan import query_of
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs
-from vve_sumo.sweep.search import AdaptiveSearch, least_runs, met
+from vve_sumo.sweep.search import AdaptiveSearch, met, min_runs
 from vve_sumo.sweep.spec import Spec, parse_spec
 
 Drive = Callable[[Mapping[str, Any], int], dict[str, Any]]
@@ -326,8 +326,8 @@ def test_criteria_are_judged_from_rows() -> None:
 
 
 def test_a_search_counts_what_it_drives_at_least() -> None:
-    assert least_runs(RunSpecs(spec_of(BOUNDARY), "s", range(1, 4))) == 2 * 3 * 4
-    assert least_runs(RunSpecs(spec_of(WORST), "s", range(1, 3))) == 60 * 2
+    assert min_runs(RunSpecs(spec_of(BOUNDARY), "s", range(1, 4))) == 2 * 3 * 4
+    assert min_runs(RunSpecs(spec_of(WORST), "s", range(1, 3))) == 60 * 2
 
 
 UNFIT = {

@@ -50,7 +50,7 @@ class CalibrationDrive:
         self._chunks: list[bytes] = []
         self._lines: list[str] = []
         self.notes: list[str] = []  #: one a tick
-        self.offsets: list[float] = []  #: of the true rear axle from the path, one a tick [m]
+        self.d: list[float] = []  #: of the true rear axle from the path, one a tick [m]
         self.speeds: list[float] = []  #: true, one a tick [m/s]
 
     def run(self) -> float:
@@ -101,7 +101,7 @@ class CalibrationDrive:
     def _setpoint(self, tick: int, now: float) -> Setpoint | None:
         pose, truth = self._predictor.at(now), self.car.truth()
         self.speeds.append(truth.speed)
-        self.offsets.append(self.path.project(truth.x, truth.y).offset)
+        self.d.append(self.path.project(truth.x, truth.y).d)
         if pose is None:
             self.notes.append("")
             return None

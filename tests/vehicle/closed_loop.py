@@ -99,7 +99,7 @@ class ClosedLoop:
         self.gateway = Gateway(vehicle, calibration=parameters.calibration, period=PERIOD)
         self.silent_from = math.inf  #: drive time from which the gateway gets no setpoint [s]
         self._path, self._operator = path, ScriptedOperator()
-        self._station: float | None = None
+        self._s: float | None = None
 
     def ticks(self) -> Iterator[Ticked]:
         """Tick after tick, for ever."""
@@ -124,9 +124,9 @@ class ClosedLoop:
         output = gateway.step(now, setpoint, [frame for _time, frame in heard.reports], command)
         pipeline.prepare(now + PERIOD, steering)
         truth = self.car.truth()
-        beside = self._path.project(truth.x, truth.y, self._station)
-        self._station = beside.s
-        return Ticked(now, output.status, truth, beside.offset, decided.faults), output.frames
+        beside = self._path.project(truth.x, truth.y, self._s)
+        self._s = beside.s
+        return Ticked(now, output.status, truth, beside.d, decided.faults), output.frames
 
 
 class Slowing:

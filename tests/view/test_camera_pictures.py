@@ -21,13 +21,13 @@ from tests.view.spaces import frame, standing, straight
 from vve_sumo.analysis.run import Run
 from vve_sumo.cli import main
 from vve_sumo.view.browser import BrowserError, find_browser
-from vve_sumo.view.camera_pictures import PIXEL_KINDS, CameraPictures, Look, Truth, boxes_of
+from vve_sumo.view.camera_pictures import PIXEL_KINDS, CameraPictures, SceneAppearance, Truth, boxes_of
 from vve_sumo.view.declared_camera import CameraFile, DeclaredCamera
 from vve_sumo.view.mjpeg import MjpegServer
 
 Points = NDArray[np.float64]
 
-BARE = Look(dressed=False)
+BARE = SceneAppearance(dressed=False)
 CAR = {"kind": "car", "length": 4.6, "width": 1.8, "height": 1.5}
 PERSON = {"kind": "pedestrian", "length": 0.6, "width": 0.5, "height": 1.75}
 #: of a camera with every kind of thing that may be declared
@@ -271,13 +271,15 @@ def test_boxes_are_those_of_the_pixels() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("look", [Look("dusk"), Look("night", rain=True), Look("day", rain=True)], ids=str)
-def test_every_light_and_weather_is_drawn_and_changes_no_truth(look: Look) -> None:
+@pytest.mark.parametrize(
+    "look", [SceneAppearance("dusk"), SceneAppearance("night", rain=True), SceneAppearance("day", rain=True)], ids=str
+)
+def test_every_light_and_weather_is_drawn_and_changes_no_truth(look: SceneAppearance) -> None:
     scene = straight(actors={"other": CAR})
     shown = frame(actors=standing(("other", 15.0, 3.2, math.pi)))
     declared = CameraFile(columns_px=320, rows_px=180, focal_x_px=300.0).camera("small")
     found = []
-    for each in (Look(), look):
+    for each in (SceneAppearance(), look):
         with CameraPictures.of_scene(scene, declared, each) as pictures:
             png = pictures.drawn(shown, 1.0)
             assert png == pictures.drawn(shown, 1.0)
@@ -296,7 +298,7 @@ def test_what_is_made_up_stands_beside_the_road_and_away_from_others() -> None:
     clear = [[60.0, -4.0], [45.0, 8.0]]
     scene = straight(keep_clear=clear)
     declared = CameraFile(columns_px=320, rows_px=180, focal_x_px=300.0).camera("small")
-    with CameraPictures.of_scene(scene, declared, Look()) as pictures:
+    with CameraPictures.of_scene(scene, declared, SceneAppearance()) as pictures:
         pictures.drawn(frame())
         parked = pictures.evaluate("cameraRoll.camera.world.fleet.parked")
         kinds = {PIXEL_KINDS[kind] for kind in np.unique(pictures.truth().kinds).tolist()}

@@ -23,7 +23,7 @@ from vve_sumo.cli import main
 from vve_sumo.errors import ConfigError
 from vve_sumo.view import live_pictures
 from vve_sumo.view.browser import BrowserError, find_browser
-from vve_sumo.view.camera_pictures import CameraPictures, Look
+from vve_sumo.view.camera_pictures import CameraPictures, SceneAppearance
 from vve_sumo.view.declared_camera import CameraFile, DeclaredCamera
 from vve_sumo.view.live_page import LivePage
 from vve_sumo.view.picture_stream import MAX_VIEWERS, PictureStream
@@ -164,7 +164,7 @@ def test_an_actor_who_comes_later_has_the_body_that_is_said_then() -> None:
     needs_a_browser()
     person = {"kind": "pedestrian", "length": 0.6, "width": 0.5, "height": 1.75}
     there = frame(actors=standing(("late", 12.0, 0.0, 0.0)))
-    with CameraPictures.of_scene(straight(), camera(), Look(dressed=False)) as pictures:
+    with CameraPictures.of_scene(straight(), camera(), SceneAppearance(dressed=False)) as pictures:
         pictures.drawn(there)
         assert [body.kind for body in pictures.truth().bodies] == ["passenger"]
         pictures.meet({"late": person})
@@ -178,7 +178,7 @@ def test_nothing_is_parked_where_nobody_knows_who_will_stand() -> None:
     looks = {}
     for bare in (False, True):
         scene = straight(400.0) | ({"nothing_parked": True} if bare else {})
-        with CameraPictures.of_scene(scene, camera(), Look()) as pictures:
+        with CameraPictures.of_scene(scene, camera(), SceneAppearance()) as pictures:
             pictures.drawn(frame())
             looks[bare] = sum(body.decoration for body in pictures.truth().bodies)
     assert looks[False] > 0
@@ -193,7 +193,7 @@ def test_the_camera_of_a_live_drive_is_served_until_the_drive_is_over(made: Made
         live(Path(made.drive)) as one,
         LivePage(one.address) as page,
         streaming() as stream,
-        live_pictures.opened(page, camera(), Look()) as pictures,
+        live_pictures.opened(page, camera(), SceneAppearance()) as pictures,
     ):
         drawn: list[live_pictures.Drawn] = []
         drawing = threading.Thread(

@@ -29,7 +29,7 @@ from vve_sumo.people.person import Person
 from vve_sumo.people.presence import Presence
 from vve_sumo.people.reports import PositionReport, decode
 from vve_sumo.people.setup import PersonSetup
-from vve_sumo.view.camera_pictures import CameraPictures, Look
+from vve_sumo.view.camera_pictures import CameraPictures, SceneAppearance
 from vve_sumo.view.declared_camera import CameraFile
 from vve_sumo.view.frames import Frames
 from vve_sumo.view.live_frame import LiveFrames
@@ -226,5 +226,5 @@ def test_the_circle_lies_on_the_ground_in_three_dimensions_but_not_in_a_cameras_
         assert np.median(green) > 40
         assert np.array_equal(pictures[0], pictures[2])
     camera = CameraFile(columns_px=320, rows_px=200, focal_x_px=300.0).camera("front")
-    with CameraPictures.of_scene(straight(), camera, Look(dressed=False)) as drawn:
+    with CameraPictures.of_scene(straight(), camera, SceneAppearance(dressed=False)) as drawn:
         assert drawn.drawn(frame(people=[])) == drawn.drawn(frame(people=[person]))

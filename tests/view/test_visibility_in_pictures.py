@@ -21,7 +21,7 @@ from vve_sumo.sensors.camera import Camera, CameraConfig
 from vve_sumo.sensors.image_mask import Pinhole
 from vve_sumo.sensors.street import Lanes, walls_of
 from vve_sumo.view.browser import BrowserError, find_browser
-from vve_sumo.view.camera_pictures import CameraPictures, Look
+from vve_sumo.view.camera_pictures import CameraPictures, SceneAppearance
 from vve_sumo.view.declared_camera import CameraFile
 
 #: of the pictures [pixels]
@@ -82,7 +82,7 @@ def shares(kind: str, scenes: int) -> tuple[NDArray[np.float64], NDArray[np.floa
     street = straight(actors={f"car{k}": size for k in range(BODIES)})
     settings = CameraFile(columns_px=COLUMNS, rows_px=ROWS, focal_x_px=FOCAL)
     generator, found = np.random.default_rng(4), []
-    with CameraPictures.of_scene(street, settings.camera("front"), Look(dressed=False)) as pictures:
+    with CameraPictures.of_scene(street, settings.camera("front"), SceneAppearance(dressed=False)) as pictures:
         for _ in range(scenes):
             found += compared(pictures, kind, generator)
     listed, drawn = np.array(found).T

@@ -75,7 +75,7 @@ def test_a_radar_that_is_told_repeats_its_host_and_without_it_reports_an_error(
     database: cantools.database.Database,
 ) -> None:
     bus = Bus()
-    output = KINDS["esr"].make(replace(CONTEXT, hear=bus.take))
+    output = KINDS["esr"].make(replace(CONTEXT, receive=bus.take))
     seen: dict[float, tuple[dict[str, float], int]] = {}
     for tick in range(60):
         now = tick * 0.02
@@ -98,7 +98,7 @@ def test_a_radar_that_is_told_repeats_its_host_and_without_it_reports_an_error(
 
 def test_a_radar_radiates_only_by_order_and_a_reader_takes_that_for_invalid() -> None:
     bus = Bus()
-    output = KINDS["esr"].make(replace(CONTEXT, hear=bus.take))
+    output = KINDS["esr"].make(replace(CONTEXT, receive=bus.take))
     bus.waiting.append(esr.encode_host(esr.HostMotion(7.5, 0.0))[0])
     (cycle,) = esr.Decoder().feed(output.step(sample(0.0)))  # type: ignore[arg-type]
     assert (cycle.host_known, cycle.radiating, cycle.valid, cycle.tracks) == (True, False, False, ())
@@ -108,7 +108,7 @@ def test_oncoming_is_judged_by_the_speed_that_the_host_says() -> None:
     """The object closes in at 9 m/s: it stands to a car of 9 m/s, and comes towards one that says it stands."""
     for speed, oncoming in ((SPEED, False), (0.0, True)):
         bus = Bus()
-        output = KINDS["esr"].make(replace(CONTEXT, hear=bus.take))
+        output = KINDS["esr"].make(replace(CONTEXT, receive=bus.take))
         bus.waiting += esr.encode_host(esr.HostMotion(speed, 0.0))
         (cycle,) = esr.Decoder().feed(output.step(sample(0.0)))  # type: ignore[arg-type]
         assert [track.oncoming for track in cycle.tracks] == [oncoming]

@@ -35,7 +35,7 @@ CONTEXT = Context(FUSION, FRAME.projection, FRAME.offset)
 def sample(time: float, pose: Pose, receiver: V2xReceiver | None = None) -> Sample:
     heard = {"obu": receiver.output} if receiver is not None else {}
     fix = dataclasses.replace(no_fix(EPOCH + time, time), position_sigma=0.02)
-    content = SampleContent(fix, pose, NO_SCAN, math.inf, Actors.none(time), heard=heard)
+    content = SampleContent(fix, pose, NO_SCAN, math.inf, Actors.none(time), stations_by_receiver=heard)
     return Sample(1, EPOCH + time, time, content).seen_by("obu")
 
 

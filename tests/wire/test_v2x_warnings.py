@@ -219,7 +219,7 @@ def test_nothing_goes_out_where_nobody_knows_where_the_ego_is() -> None:
 def test_where_the_ego_is_goes_with_a_sample_only_where_a_wire_tells_of_it() -> None:
     for tells in (False, True):
         sent: list[Sample] = []
-        publisher = Publisher(sent.append, virtual_placement(FRAME, Mounting(0.0, 0.0), EPOCH), EPOCH, tells_own=tells)
+        publisher = Publisher(sent.append, virtual_placement(FRAME, Mounting(0.0, 0.0), EPOCH), EPOCH, needs_ego=tells)
         fix = dataclasses.replace(no_fix(EPOCH, 0.0), position_sigma=0.03)
         seen = SensorFrame(rear_axle(7.0), fix, Actors.none(0.0), {})
         for faults in (("bus_silent",), ("pose_stale",)):

@@ -30,7 +30,7 @@ from vve_sumo.values import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-TIME, STATION = "time_s", "s_m"  #: the two axes
+TIME, PATH_S = "time_s", "s_m"  #: the two axes: time, and s along the path
 
 #: the event that both records are laid together at: the car's speed first reaches this [m/s]
 FIRST_MOTION = 0.5
@@ -39,7 +39,7 @@ MIN_OVERLAP = 1.0
 #: between two points along the path [m]
 S_STEP = 0.2
 #: a shift is looked for this far on either side, if the common stretch is long enough [s], [m]
-MAX_SHIFT: Final = {TIME: 2.0, STATION: 5.0}
+MAX_SHIFT: Final = {TIME: 2.0, PATH_S: 5.0}
 
 #: signals in order, and the axis that each is compared over: what the path causes over the path, the rest over time
 AXES: Final = {
@@ -48,7 +48,7 @@ AXES: Final = {
     "yaw_rate_radps": TIME,
     "steering_rad": TIME,
     "gap_m": TIME,
-    "lateral_deviation_m": STATION,
+    "lateral_deviation_m": PATH_S,
 }
 #: a gap that closes steadily looks the same however it is shifted
 UNSHIFTED: Final = frozenset({"gap_m"})
@@ -95,7 +95,7 @@ class _Side(NamedTuple):
     run: Run
     data: DriveData  #: without the truth where the other has none
     time: Floats  #: from first motion [s]
-    station: Floats  #: along the path [m]
+    s: Floats  #: along the path [m]
     signals: dict[str, Floats]
     begin: float  #: drive time of first motion [s]
 
@@ -174,28 +174,28 @@ def _laid_together(one: _Side, other: _Side) -> dict[str, pd.DataFrame]:
             f"{one.run.folder} and {other.run.folder}: from first motion on they have {max(end, 0.0):.2f} s in common, "
             f"expected {MIN_OVERLAP:g} s or more"
         )
-    grids = {TIME: np.arange(0.0, end + 1e-9, step), STATION: _stations(one, other)}
+    grids = {TIME: np.arange(0.0, end + 1e-9, step), PATH_S: _common_s(one, other)}
     return {name: _pair(one, other, name, axis, grids[axis]) for name, axis in AXES.items()}
 
 
-def _stations(one: _Side, other: _Side) -> Floats:
+def _common_s(one: _Side, other: _Side) -> Floats:
     """Points along the path that both drove over; none where the paths are two."""
     if one.run.resolved["path_m"] != other.run.resolved["path_m"]:
         return np.zeros(0)
     reached = [_onward(side) for side in (one, other)]
-    stations = [side.station[kept] for side, kept in zip((one, other), reached, strict=True)]
-    if not all(len(station) for station in stations):
+    reached_s = [side.s[kept] for side, kept in zip((one, other), reached, strict=True)]
+    if not all(len(s) for s in reached_s):
         return np.zeros(0)
-    begin, end = max(station[0] for station in stations), min(station[-1] for station in stations)
+    begin, end = max(s[0] for s in reached_s), min(s[-1] for s in reached_s)
     return np.arange(begin, end + 1e-9, S_STEP)
 
 
 def _onward(side: _Side) -> NDArray[np.intp]:
-    """Ticks in motion at which the car is farther along the path than ever before: each station once."""
-    station = np.where(side.time >= 0.0, side.station, np.nan)
-    known = np.flatnonzero(np.isfinite(station))
-    farthest = np.concatenate(([-np.inf], np.maximum.accumulate(station[known])[:-1]))
-    return known[station[known] > farthest]
+    """Ticks in motion at which the car is farther along the path than ever before: each s once."""
+    s = np.where(side.time >= 0.0, side.s, np.nan)
+    known = np.flatnonzero(np.isfinite(s))
+    farthest = np.concatenate(([-np.inf], np.maximum.accumulate(s[known])[:-1]))
+    return known[s[known] > farthest]
 
 
 def _pair(one: _Side, other: _Side, name: str, axis: str, grid: Floats) -> pd.DataFrame:
@@ -218,7 +218,7 @@ def _sampled(side: _Side, name: str, axis: str, grid: Floats) -> Floats:
     kept = np.arange(len(side.time)) if axis == TIME else _onward(side)
     if not len(grid):
         return np.zeros(0)
-    along = side.time if axis == TIME else side.station
+    along = side.time if axis == TIME else side.s
     return np.interp(grid, along[kept], side.signals[name][kept], left=np.nan, right=np.nan)
 
 
@@ -256,7 +256,7 @@ def _likeness(name: str, table: pd.DataFrame) -> dict[str, Any]:
         "pearson_r": pearson(one, other),
         "theil_u": theil_u(one, other),
         "shift_s": shift if axis == TIME else math.nan,
-        "shift_m": shift if axis == STATION else math.nan,
+        "shift_m": shift if axis == PATH_S else math.nan,
         "n": len(error),
     }
 

@@ -64,7 +64,7 @@ class SensedTable:
                 found[name] = FirstSight(name, float(time[row]), float(self.range[row]))
         return list(found.values())
 
-    def seen(self) -> list[frozenset[str]]:
+    def actors_of_readings(self) -> list[frozenset[str]]:
         """Return the names in each reading."""
         names = self.actors or [""] * len(self.range)
         return [frozenset(names[self.of_reading(number)]) for number in range(len(self.at))]

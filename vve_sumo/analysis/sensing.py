@@ -322,7 +322,7 @@ def _newest_readings(run: Run) -> list[frozenset[str]]:
     """The names in the newest readings of all sensors together, tick by tick."""
     newest: list[frozenset[str]] = [frozenset()] * len(run.time)
     for table in run.sensed.values():
-        seen = [frozenset[str](), *table.seen()]
+        seen = [frozenset[str](), *table.actors_of_readings()]
         readings = np.searchsorted(table.at, np.arange(len(run.time)), "right").tolist()
         newest = [names | seen[reading] for names, reading in zip(newest, readings, strict=True)]
     return newest

@@ -68,7 +68,7 @@ def string_of(run: Run) -> tuple[Indices, dict[str, Floats]]:
         if not np.array_equal(actors.at[rows], ticks):
             continue
         seen = rows[[0, len(rows) // 2, -1]]
-        own, boxes = drive.station[actors.at[seen]], actors.boxes.select(seen)
+        own, boxes = drive.s[actors.at[seen]], actors.boxes.select(seen)
         s, d, heading = run.path.project_many(boxes.x, boxes.y, own, REACH)
         along = np.cos(boxes.heading - heading) > 0.0
         in_lane = (along & (np.abs(d) < BESIDE) & (np.abs(s - own) < REACH - 1.0)).all()

@@ -11,7 +11,7 @@ from vve_sumo.api.scenario import Scenario
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.declared import read_resolved
-from vve_sumo.record.writer import claim
+from vve_sumo.record.writer import require_empty_folder
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import CONFIG, Job, RunResult
 from vve_sumo.sweep.plan import rig_that_drives
@@ -54,7 +54,7 @@ def drive(
     asked = asked.chosen(seed=seed, speed=speed, controller=controller, vehicle=vehicle)
     rig_file = None if rig is None else rig_that_drives(str(rig), vehicle, working)
     folder = new_run_folder(asked.name, working) if out is None else Path(out)
-    claim(folder)
+    require_empty_folder(folder)
     job = Job(
         key=asked.name,
         name=asked.name,

@@ -23,7 +23,7 @@ from vve_sumo.bridges.observed_numbers import FEATURES, HIGH, LOW, REMAINING
 from vve_sumo.drive.run import resolve_by_name, table_by_name
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.writer import claim
+from vve_sumo.record.writer import require_empty_folder
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Criteria
 from vve_sumo.sweep.job import Job
@@ -78,7 +78,7 @@ class DriveEnvironment(gymnasium.Env[Vector, Vector]):
         resolved.own_metrics()
         self._records = None if records is None else Path(records).absolute()
         if self._records is not None:
-            claim(self._records)
+            require_empty_folder(self._records)
         steering = resolved.vehicle.steering_limit
         low, high = [-resolved.vehicle.deceleration_limit], [resolved.model.limits.comfort.acceleration]
         if agent_steers:

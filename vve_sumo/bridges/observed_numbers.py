@@ -93,7 +93,7 @@ class ObservationEncoder:
             pose.speed,
             pose.acceleration,
             pose.yaw_rate,
-            foot.offset,
+            foot.d,
             math.remainder(pose.heading - foot.heading, math.tau),
             steering if math.isfinite(steering) else 0.0,
             observation.desired_speed,

@@ -124,8 +124,8 @@ def _ghost(pace: float = 0.0, mirrored: bool = False) -> Callable[[Scene], ScanF
     )
 
 
-def _passing(offset: float, ahead: float, pace: float) -> Callable[[Scene], ScanFault]:
-    return _showing(lambda scene: Phantom(ahead, offset, pace * scene.speed))
+def _passing(d: float, ahead: float, pace: float) -> Callable[[Scene], ScanFault]:
+    return _showing(lambda scene: Phantom(ahead, d, pace * scene.speed))
 
 
 def _parked_rows(scene: Scene) -> ScanFault:

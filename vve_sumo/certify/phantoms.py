@@ -51,7 +51,7 @@ class Phantom:
     """A false target."""
 
     ahead: float  #: distance ahead of the front bumper along the track when the fault begins [m]
-    offset: float = 0.0  #: lateral, from the track [m], left positive
+    d: float = 0.0  #: lateral, from the track [m], left positive
     speed: float = 0.0  #: along the track [m/s]
     mirrored: bool = False  #: mirrored at the car's axis at the begin of the fault
 
@@ -109,7 +109,7 @@ class Phantoms:
             actors=self._actors(measured.actors),
             turns=turns,
             lists={name: listed(one) if math.isfinite(one.time) else one for name, one in measured.lists.items()},
-            heard={name: heard(one) for name, one in measured.heard.items()},
+            stations_by_receiver={name: heard(one) for name, one in measured.stations_by_receiver.items()},
         )
 
     def _bodies(self, time: float) -> list[PhantomBody]:
@@ -137,14 +137,14 @@ class Phantoms:
         distance = max(math.hypot(dx, dy), 1e-6)
         # The bumper moves along the car's axis, and sideways as the car turns. The inside of a bend is shorter.
         sideways = pose.yaw_rate * self._bumper
-        speed = phantom.speed * (1.0 - self._track.curvature(self._along(phantom, time)) * phantom.offset)
+        speed = phantom.speed * (1.0 - self._track.curvature(self._along(phantom, time)) * phantom.d)
         vx = speed * math.cos(place.heading) - pose.speed * cos + sideways * sin
         vy = speed * math.sin(place.heading) - pose.speed * sin - sideways * cos
         azimuth = math.atan2(cos * dy - sin * dx, cos * dx + sin * dy)
         return PhantomDetection(distance, azimuth, (vx * dx + vy * dy) / distance)
 
     def _place(self, phantom: Phantom, time: float) -> TrackPlace:
-        place = self._track.place(self._along(phantom, time), phantom.offset)
+        place = self._track.place(self._along(phantom, time), phantom.d)
         return _reflected(place, self._track.place(self._driven)) if phantom.mirrored else place
 
     def _along(self, phantom: Phantom, time: float) -> float:
@@ -192,7 +192,9 @@ class MissedDetections:
                 others={name: _emptied(scan) for name, scan in measured.others.items()},
                 turns=turns,
                 lists={name: contents.without_rows(one) for name, one in measured.lists.items()},
-                heard={name: contents.without_rows(one) for name, one in measured.heard.items()},
+                stations_by_receiver={
+                    name: contents.without_rows(one) for name, one in measured.stations_by_receiver.items()
+                },
             ),
         )
 

@@ -33,14 +33,14 @@ class DrivenTrack:
         """Return the distance driven by a drive time [m]."""
         return float(np.interp(time, self._time, self._driven))
 
-    def place(self, driven: float, offset: float = 0.0) -> TrackPlace:
+    def place(self, driven: float, d: float = 0.0) -> TrackPlace:
         """Return the pose at a distance driven [m], with a lateral `offset` from the track [m], left positive."""
         end = float(self._driven[-1])
         within = min(max(driven, 0.0), end)
         x, y, heading = (float(np.interp(within, self._driven, row)) for row in (self._x, self._y, self._heading))
         beyond = driven - within
         cos, sin = math.cos(heading), math.sin(heading)
-        return TrackPlace(x + beyond * cos - offset * sin, y + beyond * sin + offset * cos, heading)
+        return TrackPlace(x + beyond * cos - d * sin, y + beyond * sin + d * cos, heading)
 
     def position_ahead(self, driven: float, ahead: float) -> tuple[float, float]:
         """Return the point `ahead` [m] along the track in the car's axes: forward, left [m]."""

@@ -104,13 +104,13 @@ def _show(compared: Comparison) -> None:
 
 
 def _print_signals(console: Console, compared: Comparison) -> None:
-    from vve_sumo.analysis.comparison import STATION
+    from vve_sumo.analysis.comparison import PATH_S
 
     heads = ("signal", "RMSE", "greatest", "mean", "unit", "r", "Theil's U", "other is later by", "points")
     rows = []
     for name, row in compared.signals.iterrows():
         errors = [_number(row[key]) for key in ("rmse", "max_error", "mean_error")]
-        shift = _number(row["shift_m"], "m") if row["axis"] == STATION else _number(1e3 * row["shift_s"], "ms", 1)
+        shift = _number(row["shift_m"], "m") if row["axis"] == PATH_S else _number(1e3 * row["shift_s"], "ms", 1)
         similarity = [_number(row[key]) for key in ("pearson_r", "theil_u")]
         rows.append([_label(str(name), row["unit"]), *errors, row["unit"], *similarity, shift, str(row["n"])])
     _print(console, "Signals: other minus one", heads, rows)

@@ -17,7 +17,7 @@ from vve_sumo.errors import ConfigError
 
 if TYPE_CHECKING:
     from vve_sumo.analysis.run import Run
-    from vve_sumo.view.camera_pictures import CameraPictures, Look
+    from vve_sumo.view.camera_pictures import CameraPictures, SceneAppearance
     from vve_sumo.view.declared_camera import DeclaredCamera
     from vve_sumo.view.pictures import Pictures
 
@@ -221,17 +221,17 @@ def _refuse_camera_options(arguments: argparse.Namespace) -> None:
 
 def _run_camera(arguments: argparse.Namespace, drive: Run) -> int:
     """Write or serve the pictures of a camera; return the exit code, 0."""
-    from vve_sumo.view.camera_pictures import CameraPictures, Look
+    from vve_sumo.view.camera_pictures import CameraPictures, SceneAppearance
     from vve_sumo.view.declared_camera import find_camera
 
     for option, value in (("--view", arguments.view), ("--size", arguments.size)):
         if value is not None:
             raise ConfigError(f"{option}: does not go with --camera, which says both")
     camera = find_camera(arguments.camera, drive.resolved)
-    look = Look(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
+    appearance = SceneAppearance(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
     plan = _plan(arguments, drive, camera)
     try:
-        pictures = CameraPictures(drive, camera, look)
+        pictures = CameraPictures(drive, camera, appearance)
     except ValueError as error:
         raise ConfigError(f"--camera {arguments.camera}: {error}") from None
     with pictures:
@@ -239,17 +239,19 @@ def _run_camera(arguments: argparse.Namespace, drive: Run) -> int:
             _serve(arguments.mjpeg, plan, pictures)
             return 0
         if plan.form == FRAMES:
-            _write_frames(plan, pictures, camera, look)
+            _write_frames(plan, pictures, camera, appearance)
         else:
             _write(plan, pictures)
     print(f"{plan.form}: {plan.file}")
     return 0
 
 
-def _write_frames(plan: RenderPlan, pictures: CameraPictures, camera: DeclaredCamera, look: Look) -> None:
+def _write_frames(
+    plan: RenderPlan, pictures: CameraPictures, camera: DeclaredCamera, appearance: SceneAppearance
+) -> None:
     from vve_sumo.view.truth_files import TruthFolder
 
-    folder = TruthFolder(plan.file, camera, look)
+    folder = TruthFolder(plan.file, camera, appearance)
     with progress_bar.of_pictures(len(plan.times)) as show:
         for done, time in enumerate(plan.times, 1):
             folder.add(time, pictures.at(time), pictures.truth())
@@ -280,7 +282,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     from vve_sumo.live.priority import OOM_PICTURES, PICTURES_NICE, keep_low, set_oom_score
     from vve_sumo.record.declared import read_resolved
     from vve_sumo.view import live_pictures
-    from vve_sumo.view.camera_pictures import Look
+    from vve_sumo.view.camera_pictures import SceneAppearance
     from vve_sumo.view.declared_camera import find_camera
     from vve_sumo.view.live_page import LivePage
     from vve_sumo.view.picture_stream import PictureStream
@@ -288,13 +290,13 @@ def _run_live(arguments: argparse.Namespace) -> int:
     _refuse_live_options(arguments)
     address = live_address(arguments.folder, Path.cwd())
     camera = find_camera(arguments.camera, read_resolved(arguments.folder, "settings"))
-    look = Look(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
+    appearance = SceneAppearance(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
     # The browser that draws takes over both: it gets what the drive leaves of processor and memory.
     keep_low(PICTURES_NICE)
     set_oom_score(OOM_PICTURES)
     with LivePage(address) as page, PictureStream(arguments.mjpeg, _token_in(address)) as stream:
         try:
-            pictures = live_pictures.opened(page, camera, look)
+            pictures = live_pictures.opened(page, camera, appearance)
         except ValueError as error:
             raise ConfigError(f"--camera {arguments.camera}: {error}") from None
         with pictures, contextlib.suppress(KeyboardInterrupt):

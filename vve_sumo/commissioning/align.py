@@ -203,7 +203,7 @@ def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
     elif result.fit.whole:
         yield f"{what}: fits, {result.fit.clearance:.1f} m clear of every edge beyond the margin of {margin:g} m"
     else:
-        yield f"{what}: from {result.fit.station:.0f} m on, the car could not stop inside the lot"
+        yield f"{what}: from {result.fit.last_s:.0f} m on, the car could not stop inside the lot"
     if result.fit is not None:
         yield _start(site, result.fit)
 
@@ -234,7 +234,7 @@ def cut(site: AlignmentSite, result: AlignmentResult, out: Path) -> ReferencePat
     """Write the part of the path that fits as a path of its own into `out`, and return it."""
     assert result.fit is not None  # of a search
     geofence = site.geofence.aligned(result.alignment)
-    short = shortened(site.resolved.path, geofence, site.speed, result.fit.station, site.resolved.corridor)
+    short = shortened(site.resolved.path, geofence, site.speed, result.fit.last_s, site.resolved.corridor)
     source = site.resolved.files["path"]
     refuse_tight_bend(short, site.resolved.vehicle.tightest_curvature, f"{source}: its first {short.length:.0f} m")
     note = f"The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}."

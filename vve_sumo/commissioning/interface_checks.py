@@ -72,7 +72,7 @@ def _facts(bench: Bench) -> str:
     if facts.acceleration_limits is None:
         takes = f"brake torque to {facts.brake_torque_limit:g} N m and throttle"
     else:
-        takes = f"acceleration, {facts.acceleration_limits.least:g} to {facts.acceleration_limits.greatest:g} m/s2"
+        takes = f"acceleration, {facts.acceleration_limits.minimum:g} to {facts.acceleration_limits.maximum:g} m/s2"
     wheel = f"steering wheel to {math.degrees(facts.wheel_angle_limit):.0f} deg"
     return f"{facts.title}: {takes}; {wheel}; commands {', '.join(map(identifier_text, sorted(facts.commands)))}"
 
@@ -179,7 +179,7 @@ def _values(model: VehicleModel) -> Iterator[Check]:
     if limits is None:
         beyond |= {"brake_torque": 1.01 * facts.brake_torque_limit, "throttle": 1.01}
     else:
-        beyond |= {"acceleration": 1.01 * limits.least}
+        beyond |= {"acceleration": 1.01 * limits.minimum}
     clipped = [name for name, value in beyond.items() if not _refused(interface, name, value)]
     found = f"beyond the range of {', '.join(clipped)} nothing is refused" if clipped else "beyond a range is refused"
     yield judged("values", found, not clipped, "encode has to raise ValueError, and to clip nothing")

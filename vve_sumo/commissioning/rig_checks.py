@@ -431,7 +431,7 @@ def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> C
         return Check("path in the lot", excess.text(), CheckResult.NO_GO, f"{advice}; or declare a narrower corridor")
     if found is None:
         return Check("path in the lot", "not even its start is inside", CheckResult.NO_GO, advice)
-    message = f"from {found.station:.0f} m of {path.length:.0f} m on, the car could not stop inside"
+    message = f"from {found.last_s:.0f} m of {path.length:.0f} m on, the car could not stop inside"
     return Check("path in the lot", message, CheckResult.NO_GO, advice)
 
 

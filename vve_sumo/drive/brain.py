@@ -87,23 +87,23 @@ class Publisher:
         *,
         awaiting_start: bool = False,
         wired: Collection[str] = (),
-        tells_signals: bool = False,
-        tells_own: bool = False,
+        needs_signals: bool = False,
+        needs_ego: bool = False,
     ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
         `awaiting_start`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
-        `wired` are the lidars and cameras that the wires carry; `tells_signals`: whether one carries the signals;
-        `tells_own`: whether one tells others of the ego also while nothing is valid.
+        `wired` are the lidars and cameras that the wires carry; `needs_signals`: whether one carries the signals;
+        `needs_ego`: whether one tells others of the ego also while nothing is valid.
         """
-        self._tells_own = tells_own
+        self._needs_ego = needs_ego
         self._send, self._placement, self._epoch, self._wired = send, placement, epoch, tuple(wired)
         self._turned: dict[str, float] = {}  # drive time of the newest turn of each lidar that was sent
         self.sequence = 0  #: of the newest sample
         self.radar_valid = False  #: whether the newest sample holds a scan
         self.state = ""  #: of the gateway, as the drive knew it last
         self.over = False  #: set when the drive ends: from then on every sample is invalid
-        self.tells_signals = tells_signals  #: whether the drive has to set `signals`
+        self.needs_signals = needs_signals  #: whether the drive has to set `signals`
         #: returns what the signals of the virtual road show at a drive time [s]
         self.signals: Callable[[float], Mapping[str, SignalPhase]] = lambda now: {}
         self.awaiting_start = awaiting_start  #: whether every sample is invalid because the drive has not begun
@@ -114,7 +114,7 @@ class Publisher:
         self.sequence = max(self.sequence + 1, sequence_of(now))
         sound = seen is not None and not (self.over or self.awaiting_start) and all(code == SILENT for code in faults)
         measured = self._measured(now, seen) if seen is not None and sound else None
-        own = self._own(seen, faults) if self._tells_own else None
+        own = self._own(seen, faults) if self._needs_ego else None
         sample = Sample(self.sequence, self._epoch + now, now, measured, own, faults, self.state)
         self.radar_valid = sample.radar_valid
         self._send(sample)
@@ -143,7 +143,7 @@ class Publisher:
             others,
             self._new_turns(wired),
             lists=lists,
-            heard={name: output for name, output in wired.items() if isinstance(output, Stations)},
+            stations_by_receiver={name: output for name, output in wired.items() if isinstance(output, Stations)},
             lines={name: output for name, output in wired.items() if isinstance(output, StopLines)},
             signals=self.signals(now),
         )
@@ -289,14 +289,14 @@ def external_controller(
     *,
     waits: bool = False,
     wired: Collection[str] = (),
-    tells_signals: bool = False,
-    tells_own: bool = False,
+    needs_signals: bool = False,
+    needs_ego: bool = False,
 ) -> ExternalController:
     """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
     `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample. `wired` are the lidars and
-    cameras that the wires carry, `tells_signals` says whether one carries the signals, `tells_own` whether one tells
+    cameras that the wires carry, `needs_signals` says whether one carries the signals, `needs_ego` whether one tells
     others of the ego.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
@@ -307,8 +307,8 @@ def external_controller(
         epoch,
         awaiting_start=waits_for_go,
         wired=wired,
-        tells_signals=tells_signals,
-        tells_own=tells_own,
+        needs_signals=needs_signals,
+        needs_ego=needs_ego,
     )
     if kind == "setpoints":
         return ExternalController(

@@ -305,7 +305,7 @@ class LockstepEgo:
         bumper = deviation = ttc = math.nan
         if math.isfinite(s):
             place = self._path.project(truth.x, truth.y, s)
-            bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.offset
+            bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.d
         if end_trigger.ttc_s is not None:
             commanded = ticked.result.commanded_path
             lead = lead_vehicle_now(truth, s, ticked.actors, self._path, self._vehicle, commanded)
@@ -343,7 +343,7 @@ class Lockstep:
         if variants is not None:
             variants.forked = self.road.inherit
         publisher = None if brain is None else brain.publisher
-        if publisher is not None and publisher.tells_signals:
+        if publisher is not None and publisher.needs_signals:
             publisher.signals = self.road.timed_signals()
         self._last = round(resolved.scenario.duration_s / PERIOD) - 1
         self._people = resolved.people

@@ -53,7 +53,7 @@ STEERING_HISTORY: Final = 10
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
 
-#: from pose, reported road-wheel angle [rad], path, station of the pose [m] and vehicle to the fallback path
+#: from pose, reported road-wheel angle [rad], path, s of the pose [m] and vehicle to the fallback path
 FallbackRule = Callable[[Pose, float, ReferencePath, float, Vehicle], FallbackPath | DeferredFallbackPath | None]
 
 _NO_READINGS: Readings = MappingProxyType({})
@@ -225,7 +225,7 @@ class Pipeline:
         setpoint, s, d, commanded = None, math.nan, math.nan, None
         if pose is not None:
             projection = self._path.project(pose.x, pose.y, self._s)
-            self._s, s, d = projection.s, projection.s, projection.offset
+            self._s, s, d = projection.s, projection.s, projection.d
             self._way += abs(pose.speed) * max(now - self._moved, 0.0)
             self._moved = now
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()

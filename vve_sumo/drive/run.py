@@ -34,7 +34,7 @@ from vve_sumo.record.layout import COMMANDED, FURTHER_EGOS, PROVENANCE, ROADS, T
 from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import files_of
 from vve_sumo.record.tick_metrics import tick_metrics_table
-from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim, scenario_bytes
+from vve_sumo.record.writer import MemoryRecorder, RecordWriter, require_empty_folder, scenario_bytes
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
@@ -131,7 +131,7 @@ def run(
     pose: Path | None = None,
     brain: ExternalController | None = None,
     keep_record: bool = True,
-    on_tick: TickCallback = lambda tick, now, speed, station: None,
+    on_tick: TickCallback = lambda tick, now, speed, s: None,
     loaded: LoadedRoad | None = None,
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
@@ -155,7 +155,7 @@ def run(
         require_start_from_rest(resolved, "a recorded drive begins as it was recorded")
         require_one_ego(resolved, "a recorded drive has the poses of one car")
     if keep_record:
-        claim(folder)
+        require_empty_folder(folder)
     shell: DriveHost
     if pose is None:
         shell = Lockstep(resolved, working, brain=brain, loaded=loaded)
@@ -231,7 +231,7 @@ def run_variants(
     variants: Variants,
     working: Path,
     *,
-    on_tick: TickCallback = lambda tick, now, speed, station: None,
+    on_tick: TickCallback = lambda tick, now, speed, s: None,
     loaded: LoadedRoad | None = None,
 ) -> dict[int, dict[str, Any]]:
     """Drive scenarios as one until they differ; return the summaries of those that this process drove to their end.

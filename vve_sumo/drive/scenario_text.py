@@ -57,7 +57,7 @@ def signals_along_path(resolved: ResolvedScenario) -> list[float]:
     path, found = resolved.path, []
     for x, y in signals(resolved.network.path).values():
         foot = path.project(x, y)
-        if abs(foot.offset) <= MAX_SIGNAL_DISTANCE and 0.0 <= foot.s <= path.length:
+        if abs(foot.d) <= MAX_SIGNAL_DISTANCE and 0.0 <= foot.s <= path.length:
             found.append(foot.s)
     return sorted(found)
 

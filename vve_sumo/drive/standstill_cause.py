@@ -58,15 +58,15 @@ class StandstillClassifier:
         traffic = scenario.road.demand or bodies.egos
         self._nothing = StandstillCause.CLEAR_WITH_TRAFFIC if traffic else StandstillCause.CLEAR
 
-    def classify(self, pose: Pose | None, station: float, actors: Actors) -> StandstillCause:
+    def classify(self, pose: Pose | None, s: float, actors: Actors) -> StandstillCause:
         """Return what a car at rest with its rear axle at `pose` stands before.
 
-        `station` [m] is the rear axle's s along the path, NaN where it is unknown; `actors` are those of the tick.
+        `s` [m] is the rear axle's along the path, NaN where it is unknown; `actors` are those of the tick.
         Where the pose is unknown, nothing is ahead.
         """
         if pose is None:
             return self._nothing
-        lead = lead_vehicle_now(pose, station, actors, self._path, self._vehicle)
+        lead = lead_vehicle_now(pose, s, actors, self._path, self._vehicle)
         name = lead.actor[0]
         if not name or not lead.gap[0] <= REACH:
             return self._nothing

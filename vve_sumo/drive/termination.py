@@ -100,7 +100,7 @@ class TerminationMonitor:
         self,
         time: float,
         speed: float,
-        station: float,
+        s: float,
         state: ArmingState,
         reasons: Sequence[str],
         contact: bool,
@@ -108,7 +108,7 @@ class TerminationMonitor:
     ) -> Outcome | None:
         """Return the outcome if the drive has ended at drive time `time` [s], or None while it goes on.
 
-        `speed` [m/s] and `station` (s along the path [m]) are the rear axle's; NaN before there is a pose. `reasons`
+        `speed` [m/s] and `s` along the path [m] are the rear axle's; NaN before there is a pose. `reasons`
         are the gateway's in this `state`. `ahead` is called at rest only, and returns what the car stands before.
         """
         self.collided |= contact
@@ -120,7 +120,7 @@ class TerminationMonitor:
             self._standing_since = time
         if not self._moved:
             return self._never_started(time, state)
-        outcome = self._name(station, state, reasons)
+        outcome = self._name(s, state, reasons)
         lasting = self._lasts(time, ahead()) if outcome is Outcome.STOPPED else time - self._standing_since >= self.rest
         return outcome if lasting else None
 
@@ -149,11 +149,11 @@ class TerminationMonitor:
             return None
         return self.unless_contact(Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT)
 
-    def _name(self, station: float, state: ArmingState, reasons: Sequence[str]) -> Outcome:
+    def _name(self, s: float, state: ArmingState, reasons: Sequence[str]) -> Outcome:
         if self.collided:
             return Outcome.CONTACT
         if state is not ArmingState.ENGAGED and not DRIVER_REASONS.isdisjoint(reasons):
             return Outcome.DRIVER
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT
-        return Outcome.ARRIVED if self.path_length - station < ARRIVAL_DISTANCE else Outcome.STOPPED
+        return Outcome.ARRIVED if self.path_length - s < ARRIVAL_DISTANCE else Outcome.STOPPED

@@ -110,4 +110,4 @@ def tick_row(
 
 def _beside(truth: Pose, s: float, path: ReferencePath) -> float:
     """Return the distance of the true rear axle from the path [m], left positive."""
-    return path.project(truth.x, truth.y, s if math.isfinite(s) else None).offset
+    return path.project(truth.x, truth.y, s if math.isfinite(s) else None).d

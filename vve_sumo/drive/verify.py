@@ -208,10 +208,10 @@ def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcom
     last = round(recorded.scenario.duration_s / PERIOD) - 1
     names = ("tick", "time_s", "s_m", "state", "reasons", "contacts", *TRUE_POSE_COLUMNS)
     for row in zip(*(ticks[name].to_pylist() for name in names), strict=True):
-        tick, time, station, state, reasons, contacts, x, y, heading, speed = row
+        tick, time, s, state, reasons, contacts, x, y, heading, speed = row
         pose = Pose(time, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
-        ahead = partial(standstill.classify, pose, station, seen.get(tick, NO_ACTORS))
-        outcome = ending.step(time, speed, station, ArmingState(state), reasons.split("+"), bool(contacts), ahead)
+        ahead = partial(standstill.classify, pose, s, seen.get(tick, NO_ACTORS))
+        outcome = ending.step(time, speed, s, ArmingState(state), reasons.split("+"), bool(contacts), ahead)
         if outcome is None and tick >= last:
             outcome = ending.unless_contact(Outcome.TIMEOUT)
         if outcome is not None:

@@ -12,7 +12,7 @@ from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.runner import EpisodeResult
 
 
-def least_margins(results: Sequence[EpisodeResult]) -> dict[str, tuple[float, EpisodeResult]]:
+def min_margins(results: Sequence[EpisodeResult]) -> dict[str, tuple[float, EpisodeResult]]:
     """Return the least margin of every invariant that held, and the episode that it came of."""
     least: dict[str, tuple[float, EpisodeResult]] = {}
     for result in results:
@@ -46,7 +46,7 @@ def text(
         "",
         "least margins of what held (1: far from it, 0: broken):",
     ]
-    for invariant, (margin, result) in sorted(least_margins(list(results.values())).items(), key=lambda one: one[1][0]):
+    for invariant, (margin, result) in sorted(min_margins(list(results.values())).items(), key=lambda one: one[1][0]):
         lines.append(f"  {margin:6.3f}  {invariant}: {result.episode}")
     if left_out:
         lines += ["", f"not tried, the rig's interface cannot inject them: {', '.join(left_out)}"]

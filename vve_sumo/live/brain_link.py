@@ -131,14 +131,14 @@ class WiredLink:
             wire.outlet.close()
 
 
-def tells_signals(rig: Rig) -> bool:
+def needs_signals(rig: Rig) -> bool:
     """Return whether one of a rig's wires carries what the signals show."""
-    return any(KINDS[one.kind].tells_signals for one in rig.outputs)
+    return any(KINDS[one.kind].needs_signals for one in rig.outputs)
 
 
-def tells_own(rig: Rig) -> bool:
+def needs_ego(rig: Rig) -> bool:
     """Return whether one of a rig's wires tells others of the ego, also while the outputs are invalid."""
-    return any(KINDS[one.kind].tells_own for one in rig.outputs)
+    return any(KINDS[one.kind].needs_ego for one in rig.outputs)
 
 
 def wired_sensors(rig: Rig) -> frozenset[str]:

@@ -105,7 +105,8 @@ class LiveCar:
         self._let_go = False  # the gateway has parked the car, or disarmed
         self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
         self._clock_report: dict[str, Any] = {}
-        self.told: dict[str, dict[str, Any]] = {}  #: what this car was told of others, by their ids, for the summary
+        #: the other cars that this one can no longer count on, by their ids: code, time and reasons, for the summary
+        self.other_cars_lost: dict[str, dict[str, Any]] = {}
 
     def _clock(self) -> float:
         """Drive time [s]."""
@@ -396,4 +397,4 @@ class LiveCar:
             "step_time": road.step_time_summary,
             "no_calm_second": self._calm is not None and self._calm.given_up,
         }
-        return summary | ({"other_cars": self.told} if self.told else {})
+        return summary | ({"other_cars": self.other_cars_lost} if self.other_cars_lost else {})

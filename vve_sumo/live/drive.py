@@ -34,7 +34,7 @@ from vve_sumo.frames import move_point
 from vve_sumo.geometry import behind_bumper
 from vve_sumo.live import messages, signals, spawn
 from vve_sumo.live.assembly import from_dict, pipeline_of, with_rigs
-from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_own, tells_signals, wired_sensors
+from vve_sumo.live.brain_link import ChannelLink, key_of, needs_ego, needs_signals, open_setpoints, wired_sensors
 from vve_sumo.live.car import CarParts, LiveCar
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.other_cars import OtherCars
@@ -108,7 +108,7 @@ class LiveDrive:
         ]
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
         publisher = None if brain is None else brain.publisher
-        if publisher is not None and publisher.tells_signals:
+        if publisher is not None and publisher.needs_signals:
             publisher.signals = self._road.timed_signals()
         first = CarParts(
             EGO, own, rig, pipeline, channels["gateway"], recorder, tuple(config["not_ready"]), brain, link_
@@ -149,7 +149,7 @@ class LiveDrive:
         brain, key, setpoints = rig.brain, key_of(rig.brain, working), None
         if brain.kind == "setpoints":
             setpoints = open_setpoints(brain, key)
-        actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
+        actors = any(KINDS[table.kind].needs_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         frame, mounting, wired = resolved.map_frame, mounting_of(rig), wired_sensors(rig)
         return link_, external_controller(
@@ -160,8 +160,8 @@ class LiveDrive:
             lot.epoch,
             key,
             wired=wired,
-            tells_signals=tells_signals(rig),
-            tells_own=tells_own(rig),
+            needs_signals=needs_signals(rig),
+            needs_ego=needs_ego(rig),
         )
 
     @staticmethod

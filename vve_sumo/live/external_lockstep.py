@@ -13,7 +13,7 @@ from pathlib import Path
 from vve_sumo.drive.brain import ExternalController, Link, external_controller
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints, tells_own, tells_signals, wired_sensors
+from vve_sumo.live.brain_link import WiredLink, key_of, needs_ego, needs_signals, open_setpoints, wired_sensors
 from vve_sumo.live.outputs import OutputWire, opened
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Rig
@@ -26,7 +26,7 @@ def open_wires(rig: Rig, resolved: ResolvedScenario, key: bytes) -> tuple[list[O
 
     `key` is that of `key_of`.
     """
-    at_signals = intersections(resolved.network.path) if tells_signals(rig) else ()
+    at_signals = intersections(resolved.network.path) if needs_signals(rig) else ()
     frame = resolved.map_frame
     context = Context(resolved.vehicle, frame.projection, frame.offset, intersections=at_signals, key=key)
     wires = opened([output.model_dump(mode="json") for output in rig.outputs], context)
@@ -58,8 +58,8 @@ def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, w
         key,
         waits=True,
         wired=wired,
-        tells_signals=tells_signals(rig),
-        tells_own=tells_own(rig),
+        needs_signals=needs_signals(rig),
+        needs_ego=needs_ego(rig),
     )
 
 

@@ -16,7 +16,7 @@ from msgspec import to_builtins
 
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import messages, spawn
-from vve_sumo.live.brain_link import key_of, tells_signals
+from vve_sumo.live.brain_link import key_of, needs_signals
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.plan import DrivePlan
 from vve_sumo.live.view_token import certificate_of, token_of
@@ -103,7 +103,7 @@ def _start_outputs(
 ) -> None:
     if not plan.rig.outputs:
         return
-    known = intersections(plan.resolved.network.path) if tells_signals(plan.rig) else ()
+    known = intersections(plan.resolved.network.path) if needs_signals(plan.rig) else ()
     config = common | {
         "outputs": [output.model_dump(mode="json") for output in plan.rig.outputs],
         "vehicle": vehicle,

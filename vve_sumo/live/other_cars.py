@@ -38,8 +38,8 @@ class RealCar(Protocol):
         ...
 
     @property
-    def told(self) -> dict[str, dict[str, Any]]:
-        """What the car was told of others, by their ids; it is added to here."""
+    def other_cars_lost(self) -> dict[str, dict[str, Any]]:
+        """The others that the car can no longer count on, by their ids, and why; added to here."""
         ...
 
     def lost(self) -> str:
@@ -75,13 +75,13 @@ class OtherCars:
         """
         if all(car.outcome is not None for car in self._cars):
             return ()
-        told, codes = self._cars[place], dict[str, None]()
+        car, codes = self._cars[place], dict[str, None]()
         for other in self._cars:
-            if other is told or not (code := other.lost()):
+            if other is car or not (code := other.lost()):
                 continue
             codes[code] = None
-            if other.id not in told.told:
-                told.told[other.id] = {"code": code, "time_s": now, "reasons": list(other.stop_reasons())}
-                goes_on = "" if told.stops_with_others else "; it goes on, as its rig says"
-                self._say(f"{told.id}: {in_words(code)} ({other.id}){goes_on}")
-        return tuple(codes) if told.stops_with_others else ()
+            if other.id not in car.other_cars_lost:
+                car.other_cars_lost[other.id] = {"code": code, "time_s": now, "reasons": list(other.stop_reasons())}
+                goes_on = "" if car.stops_with_others else "; it goes on, as its rig says"
+                self._say(f"{car.id}: {in_words(code)} ({other.id}){goes_on}")
+        return tuple(codes) if car.stops_with_others else ()

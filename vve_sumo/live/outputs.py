@@ -68,8 +68,8 @@ def opened(tables: list[Mapping[str, Any]], context: Context) -> list[OutputWire
 
 def _wire(name: str, table: Mapping[str, Any], context: Context) -> OutputWire:
     outlet = _outlet(table, context.key)
-    hear = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
-    of_this = replace(context, hear=hear, stop_id=table["can_id"])
+    receive = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
+    of_this = replace(context, receive=receive, stop_id=table["can_id"])
     try:
         output = KINDS[table["kind"]].make(of_this)
         sensor = table.get("sensor") or STANDARD

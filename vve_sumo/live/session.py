@@ -44,7 +44,7 @@ from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.layout import FURTHER_EGOS
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
-from vve_sumo.record.writer import claim
+from vve_sumo.record.writer import require_empty_folder
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import rig_lock
@@ -115,7 +115,7 @@ def plan(
     if not shadow and loaded.brain.kind == "own":
         refuse_outside(resolved, working, delay_of(loaded))
     folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
-    claim(folder)
+    require_empty_folder(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
     own = DrivePlan(
         resolved,

@@ -40,9 +40,9 @@ def half_widths(corridor: DeclaredCorridor, s: float) -> tuple[float, float]:
 
 
 def line_offsets(corridor: DeclaredCorridor, s: float) -> list[float]:
-    """Return the offsets of the lines that fill the corridor at a sample [m], left positive, without the path's 0."""
+    """Return the d of the lines that fill the corridor at a sample [m], left positive, without the path's 0."""
     left, right = half_widths(corridor, s)
-    return _shares(left) + [-offset for offset in _shares(right)]
+    return _shares(left) + [-d for d in _shares(right)]
 
 
 def _shares(reach: float) -> list[float]:
@@ -52,21 +52,21 @@ def _shares(reach: float) -> list[float]:
 
 
 class ParallelLine:
-    """The line at a constant lateral offset beside a path, as a rear axle can follow it.
+    """The line at a constant lateral offset d beside a path, as a rear axle can follow it.
 
-    A path of curvature k has a parallel line at the offset d of curvature k / (1 - k d), which is 1 - k d times as long
+    A path of curvature k has a parallel line at d of curvature k / (1 - k d), which is 1 - k d times as long
     as the path. Where that is tighter than the car's tightest circle, or d lies beyond the centre of the bend, the car
     is taken to be on its tightest circle there.
     """
 
     __slots__ = ("_along", "bend", "x", "y")
 
-    def __init__(self, path: ReferencePath, offset: float, tightest: float) -> None:
-        """`offset` is left positive [m], `tightest` the curvature of the tightest circle [1/m]."""
+    def __init__(self, path: ReferencePath, d: float, tightest: float) -> None:
+        """`d` is left positive [m], `tightest` the curvature of the tightest circle [1/m]."""
         table = path.samples
-        stretch = np.maximum(1.0 - table.curvature * offset, np.abs(table.curvature) / tightest)
-        self.x: Floats = table.x - offset * table.tangent_y  #: places beside the path's samples, map [m]
-        self.y: Floats = table.y + offset * table.tangent_x
+        stretch = np.maximum(1.0 - table.curvature * d, np.abs(table.curvature) / tightest)
+        self.x: Floats = table.x - d * table.tangent_y  #: places beside the path's samples, map [m]
+        self.y: Floats = table.y + d * table.tangent_x
         self.bend: Floats = table.curvature / stretch  #: there [1/m], left positive
         steps = 0.5 * SAMPLE_SPACING * (stretch[:-1] + stretch[1:])
         self._along: Floats = np.concatenate(([0.0], np.cumsum(steps)))

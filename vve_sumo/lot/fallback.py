@@ -29,32 +29,32 @@ MIN_SPEED_SQUARED: Final = MIN_SPEED * MIN_SPEED
 
 
 def fallback_path(
-    pose: Pose, steering: float, path: ReferencePath, station: float, vehicle: Vehicle, distance: float | None = None
+    pose: Pose, steering: float, path: ReferencePath, s: float, vehicle: Vehicle, distance: float | None = None
 ) -> FallbackPath | None:
     """Return the fallback path of the rear axle from `pose` onto the `path`; None where there is no smooth one.
 
-    `steering` is the road-wheel angle that the car reports [rad], at which the fallback path begins. `station` is that
+    `steering` is the road-wheel angle that the car reports [rad], at which the fallback path begins. `s` is that
     of the pose along the path [m]. `distance` is the length of the fallback path [m], by default longer than any stop
     of the gateway.
 
-    The lateral deviation e obeys e'' + 2 e' / r + e / r^2 = 0 along the fallback path, critically damped with the
+    The lateral deviation d obeys d'' + 2 d' / r + d / r^2 = 0 along the fallback path, critically damped with the
     return length r, as far as steering rate, lateral acceleration and lateral jerk allow at the remaining speed.
     """
     speed = max(pose.speed, 0.0)
     if distance is None:
         distance = speed * DELAY + speed * speed / (2.0 * DECELERATION) + RESERVE
-    if not math.isfinite(pose.x + pose.y + pose.heading + speed + steering + station + distance):
+    if not math.isfinite(pose.x + pose.y + pose.heading + speed + steering + s + distance):
         return None
     spacing = max(distance / MAX_INTERVALS, MIN_KNOT_SPACING)
-    knots = _follow(pose, speed, steering, path, station, vehicle, spacing, math.ceil(distance / spacing - 1e-9))
+    knots = _follow(pose, speed, steering, path, s, vehicle, spacing, math.ceil(distance / spacing - 1e-9))
     return None if knots is None else FallbackPath(spacing, knots)
 
 
 def deferred_fallback_path(
-    pose: Pose, steering: float, path: ReferencePath, station: float, vehicle: Vehicle
+    pose: Pose, steering: float, path: ReferencePath, s: float, vehicle: Vehicle
 ) -> DeferredFallbackPath:
     """Return what `fallback_path` returns for the same arguments, computed when it is first needed."""
-    return DeferredFallbackPath(partial(fallback_path, pose, steering, path, station, vehicle))
+    return DeferredFallbackPath(partial(fallback_path, pose, steering, path, s, vehicle))
 
 
 def _follow(
@@ -81,15 +81,15 @@ def _follow(
         v = sqrt(square) if square > MIN_SPEED_SQUARED else MIN_SPEED
         # The next place under the present curvature, and the curvature wanted there.
         ahead = heading + 0.5 * bend * spacing
-        s, offset, turned, path_bend = frenet_near(
+        s, d, turned, path_bend = frenet_near(
             s + spacing, x + spacing * cos(ahead), y + spacing * sin(ahead), heading + bend * spacing
         )
-        if not (-MAX_DEVIATION < offset < MAX_DEVIATION and -MAX_HEADING_ERROR < turned < MAX_HEADING_ERROR):
+        if not (-MAX_DEVIATION < d < MAX_DEVIATION and -MAX_HEADING_ERROR < turned < MAX_HEADING_ERROR):
             return None
         length = max(RETURN_TIME * v, MIN_RETURN_DISTANCE)
         cosine = cos(turned)
-        bend_wanted = path_bend * cosine / (1.0 - path_bend * offset)
-        bend_wanted -= (2.0 * sin(turned) / length + offset / (length * length)) / cosine
+        bend_wanted = path_bend * cosine / (1.0 - path_bend * d)
+        bend_wanted -= (2.0 * sin(turned) / length + d / (length * length)) / cosine
         most = min(tightest, LATERAL_ACCELERATION / (v * v))
         change = spacing * min(answer / v, LATERAL_JERK / (v * v * v))
         bend_wanted = clamp(clamp(bend_wanted, -most, most), bend - change, bend + change)

@@ -24,7 +24,7 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import MIN_PATH_LENGTH
 from vve_sumo.values import Floats
 
-SWEPT_SPACING: Final = 3  #: path stations per swept place in the search [m]
+SWEPT_SPACING: Final = 3  #: places of the path, a metre apart, per swept place in the search
 COARSE_ROWS, FINE_ROWS = 120, 1600  #: of the lot's tables of clearances
 MAX_ROTATION_STEP: Final = math.radians(5.0)  #: between neighbouring rotations
 SLACK: Final = 3  #: cells by which a coarse placement may leave the lot
@@ -41,7 +41,7 @@ class Fit:
 
     alignment: Alignment  #: from the lot's map to the virtual road's
     clearance: float  #: least distance of the swept ground from the lot's edge less its margin [m]
-    station: float  #: the drive can stop inside the lot from every place up to here [m]
+    last_s: float  #: the drive can stop inside the lot from every place up to this s along the path [m]
     whole: bool  #: whether that is the whole path
     start: tuple[float, float, float]  #: rear axle at the path's start: lot x, y [m], heading [rad] in the lot's map
 
@@ -49,17 +49,17 @@ class Fit:
 class CorridorExcess(NamedTuple):
     """Where a declared corridor leaves the lot, although the car that keeps to the path could stop inside."""
 
-    begin: float  #: the first station from which a car in the corridor could not stop inside [m]
-    station: float  #: where it is worst [m]
-    offset: float  #: of the car from the path there [m], left positive
+    begin: float  #: the first s along the path from which a car in the corridor could not stop inside [m]
+    s: float  #: where it is worst, along the path [m]
+    d: float  #: of the car from the path there [m], left positive
     distance: float  #: how far the ground that this car needs reaches over the lot's edge less its margin [m]
 
     def text(self) -> str:
         """Return that in words."""
-        side = "left" if self.offset > 0.0 else "right"
+        side = "left" if self.d > 0.0 else "right"
         return (
-            f"from {self.begin:.0f} m on, the corridor leaves the lot: at {self.station:.0f} m, from "
-            f"{abs(self.offset):.1f} m {side} of the path, a stop reaches {self.distance:.1f} m over the margin"
+            f"from {self.begin:.0f} m on, the corridor leaves the lot: at {self.s:.0f} m, from "
+            f"{abs(self.d):.1f} m {side} of the path, a stop reaches {self.distance:.1f} m over the margin"
         )
 
 
@@ -74,14 +74,14 @@ class _Placement:
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """Points that fill the swept area of a drive, relative to its middle, and the first station that sweeps each."""
+    """Points that fill the swept area of a drive, relative to its middle, and the first place that sweeps each."""
 
     points: Floats  #: (n, 2) [m]
-    station: Floats  #: (n,) [m]
+    s: Floats  #: of that place along the path, (n,) [m]
     middle: tuple[float, float]  #: virtual road's map [m]
 
-    def until(self, station: float) -> Floats:
-        return self.points[self.station <= station]
+    def until(self, s: float) -> Floats:
+        return self.points[self.s <= s]
 
     def alignment(self, placement: _Placement) -> Alignment:
         cosine, sine = math.cos(placement.rotation), math.sin(placement.rotation)
@@ -105,9 +105,9 @@ class _Search:
         tables = geofence.lot.raster(COARSE_ROWS), geofence.lot.raster(FINE_ROWS)
         return cls(geofence, drive, _ground(geofence, drive), tables)
 
-    def tried(self, station: float) -> Fit | None:
-        """Return how the drive lies where the ground up to a station has most clearance; None for an unfit start."""
-        placement = _best(self.ground.until(station), *self.tables)
+    def tried(self, s: float) -> Fit | None:
+        """Return how the drive lies where the ground up to an s [m] has most clearance; None for an unfit start."""
+        placement = _best(self.ground.until(s), *self.tables)
         return None if placement is None else _measured(self.geofence, self.drive, self.ground.alignment(placement))
 
 
@@ -119,17 +119,17 @@ def fit(path: ReferencePath, geofence: Geofence, speed: float, corridor: Declare
     """
     search = _Search.of(path, geofence, speed, corridor)
     tried = search.tried
-    whole = search.drive[-1].station
+    whole = search.drive[-1].s
     best = tried(whole)
     if best is not None and best.whole:
         return best
-    low, high = best.station if best else 0.0, whole
+    low, high = best.last_s if best else 0.0, whole
     while high - low > CUT_RESOLUTION:
         middle = 0.5 * (low + high)
         found = tried(middle)
-        if found is not None and (best is None or found.station > best.station):
+        if found is not None and (best is None or found.last_s > best.last_s):
             best = found
-        low, high = (max(middle, found.station), high) if found and found.station >= middle else (low, middle)
+        low, high = (max(middle, found.last_s), high) if found and found.last_s >= middle else (low, middle)
     if best is None:
         raise ConfigError("the lot has no place for the start of the path and the fallback path from there")
     return best
@@ -141,7 +141,7 @@ def fit_whole(path: ReferencePath, geofence: Geofence, speed: float, corridor: D
     As `fit`, without the search for how much of the path fits.
     """
     search = _Search.of(path, geofence, speed, corridor)
-    best = search.tried(search.drive[-1].station)
+    best = search.tried(search.drive[-1].s)
     return best if best is not None and best.whole else None
 
 
@@ -162,40 +162,40 @@ def corridor_excess(
     aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
     found: list[CorridorExcess] = []
     for place in geofence.driven(path, speed, corridor):
-        if aligned.check(place.pose, place.steering, place.fallback_path, place.station):
-            if place.offset == 0.0:
+        if aligned.check(place.pose, place.steering, place.fallback_path, place.s):
+            if place.d == 0.0:
                 break
             over = geofence.lot.excess(_swept(geofence, place, to_lot))
-            begin = found[0].begin if found else place.station
-            found.append(CorridorExcess(begin, place.station, place.offset, over))
+            begin = found[0].begin if found else place.s
+            found.append(CorridorExcess(begin, place.s, place.d, over))
     return max(found, key=attrgetter("distance"), default=None)
 
 
 def shortened(
-    path: ReferencePath, geofence: Geofence, speed: float, station: float, corridor: DeclaredCorridor = ()
+    path: ReferencePath, geofence: Geofence, speed: float, end_s: float, corridor: DeclaredCorridor = ()
 ) -> ReferencePath:
-    """Return the path up to about a station [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
+    """Return the path up to about `end_s` [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
 
     So can a car anywhere in what is left of the `corridor`. Beyond its new end the car is taken to go straight on,
     which may ask for a place to end a little sooner. Raises ConfigError where less than `MIN_PATH_LENGTH` is left.
     """
     # A place a metre is checked. An end half-way between two asks for the same ones however a file rounds its length.
-    station = math.ceil(station) - 0.5
-    while station >= MIN_PATH_LENGTH:
-        points = [path.at(s) for s in np.linspace(0.0, station, round(station) + 1).tolist()]
+    end_s = math.ceil(end_s) - 0.5
+    while end_s >= MIN_PATH_LENGTH:
+        points = [path.at(s) for s in np.linspace(0.0, end_s, round(end_s) + 1).tolist()]
         cut = ReferencePath.from_points([point.x for point in points], [point.y for point in points])
         leaves = geofence.along(cut, speed, corridor)
         if leaves is None:
             return cut
-        station = math.ceil(min(leaves, station)) - 1.5
+        end_s = math.ceil(min(leaves, end_s)) - 1.5
     raise ConfigError(f"the lot takes less than {MIN_PATH_LENGTH:g} m of the path")
 
 
 def _ground(geofence: Geofence, drive: list[DrivenPlace]) -> _Ground:
     """Fill the swept area of the drive with points: corners, edge middles and centres of its rectangles."""
-    points, stations = [], []
+    points, sweeps_s = [], []
     for place in _searched(drive):
-        shapes = geofence.sweep(place.pose, place.steering, place.fallback_path, place.station)
+        shapes = geofence.sweep(place.pose, place.steering, place.fallback_path, place.s)
         if shapes is None:
             raise ConfigError(
                 "the car does not come to rest: its lowest deceleration is less than the lot's slope takes"
@@ -204,24 +204,24 @@ def _ground(geofence: Geofence, drive: list[DrivenPlace]) -> _Ground:
         filled = np.concatenate((shapes, sides, shapes.mean(axis=1, keepdims=True)), axis=1).reshape(-1, 2)
         _, kept = np.unique(np.round(filled / 0.5), axis=0, return_index=True)
         points.append(filled[kept])
-        stations.append(np.full(len(kept), place.station))
-    every, station = np.concatenate(points), np.concatenate(stations)
+        sweeps_s.append(np.full(len(kept), place.s))
+    every, s = np.concatenate(points), np.concatenate(sweeps_s)
     _, kept = np.unique(np.round(every / 0.25), axis=0, return_index=True)
     middle = 0.5 * (every.min(axis=0) + every.max(axis=0))
-    return _Ground(every[kept] - middle, station[kept], (float(middle[0]), float(middle[1])))
+    return _Ground(every[kept] - middle, s[kept], (float(middle[0]), float(middle[1])))
 
 
 def _searched(drive: list[DrivenPlace]) -> list[DrivenPlace]:
-    """Return the places whose ground is searched for: of every few stations, of a corridor's ends, of the last."""
-    stations = [list(places) for _, places in groupby(drive, key=attrgetter("station"))]
-    last = len(stations) - 1
+    """Return the places whose ground is searched for: of every few metres, of a corridor's ends, of the last."""
+    beside = [list(places) for _, places in groupby(drive, key=attrgetter("s"))]
+    last = len(beside) - 1
     chosen = [
         here
-        for number, here in enumerate(stations)
+        for number, here in enumerate(beside)
         if number % SWEPT_SPACING == 0
-        or not len(stations[max(number - 1, 0)]) == len(here) == len(stations[min(number + 1, last)])
+        or not len(beside[max(number - 1, 0)]) == len(here) == len(beside[min(number + 1, last)])
     ]
-    return [place for places in [*chosen, stations[last]] for place in places]
+    return [place for places in [*chosen, beside[last]] for place in places]
 
 
 def _thinned(points: Floats, spacing: float) -> Floats:
@@ -330,19 +330,19 @@ def _measured(geofence: Geofence, drive: list[DrivenPlace], alignment: Alignment
     """Follow the drive under an alignment, without tables; None where not even its start fits."""
     aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
     room, last = math.inf, None
-    for station, places in groupby(drive, key=attrgetter("station")):
+    for s, places in groupby(drive, key=attrgetter("s")):
         here = list(places)
-        if any(aligned.check(place.pose, place.steering, place.fallback_path, place.station) for place in here):
+        if any(aligned.check(place.pose, place.steering, place.fallback_path, place.s) for place in here):
             break
-        room, last = min(room, *(geofence.lot.clearance(_swept(geofence, place, to_lot)) for place in here)), station
+        room, last = min(room, *(geofence.lot.clearance(_swept(geofence, place, to_lot)) for place in here)), s
     if last is None:
         return None
     start = to_lot.apply(drive[0].pose)
-    return Fit(alignment, room, last, last == drive[-1].station, (start.x, start.y, start.heading))
+    return Fit(alignment, room, last, last == drive[-1].s, (start.x, start.y, start.heading))
 
 
 def _swept(geofence: Geofence, place: DrivenPlace, to_lot: Alignment) -> Floats:
     """Return the ground of a place, in the lot's map, under the alignment whose inverse is `to_lot`."""
-    shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.fallback_path, place.station)
+    shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.fallback_path, place.s)
     assert shapes is not None  # of a car that comes to rest, as the search's own ground shows
     return shapes

@@ -79,11 +79,11 @@ class StopModel:
 class DrivenPlace(NamedTuple):
     """One place of a drive that keeps to its path, or to a line parallel to it inside a declared corridor."""
 
-    station: float  #: along the path [m]
+    s: float  #: along the path [m]
     pose: Pose  #: of the rear axle, in the virtual road's map
     steering: float  #: road-wheel angle that the line's curvature asks for [rad], left positive
     fallback_path: FallbackPath  #: the line itself
-    offset: float = 0.0  #: of the line from the path [m], left positive
+    d: float = 0.0  #: of the line from the path [m], left positive
 
 
 def no_drift(_driven: float) -> float:
@@ -168,15 +168,15 @@ class Geofence:
         return other
 
     def along(self, path: ReferencePath, speed: float, corridor: DeclaredCorridor = ()) -> float | None:
-        """Return the first station [m] from which a drive of the path at `speed` [m/s] could not stop in the lot.
+        """Return the first s [m] from which a drive of the path at `speed` [m/s] could not stop in the lot.
 
         None where it always could. The car is taken to keep to the path, to start from rest, and to slow down for
         bends as any controller must; beyond the end it rolls on straight. With a declared `corridor` it must be able to
         stop from every place in that too, where it heads along the path.
         """
         for place in self.driven(path, speed, corridor):
-            if self.check(place.pose, place.steering, place.fallback_path, place.station):
-                return place.station
+            if self.check(place.pose, place.steering, place.fallback_path, place.s):
+                return place.s
         return None
 
     def driven(self, path: ReferencePath, speed: float, corridor: DeclaredCorridor = ()) -> list[DrivenPlace]:
@@ -197,20 +197,20 @@ class Geofence:
             last = row + math.ceil(min(reach, EXTENSION) / SAMPLE_SPACING) + 2
             ahead = tuple(table.curvature[row:last].tolist())
             drive.append(DrivenPlace(s, pose, steering, FallbackPath(SAMPLE_SPACING, ahead)))
-            for offset in line_offsets(corridor, s):
-                if offset not in lines:
-                    lines[offset] = ParallelLine(path, offset, self._tightest)
-                drive.append(self._beside(pose, lines[offset], row, s, offset))
+            for d in line_offsets(corridor, s):
+                if d not in lines:
+                    lines[d] = ParallelLine(path, d, self._tightest)
+                drive.append(self._beside(pose, lines[d], row, s, d))
         return drive
 
-    def _beside(self, pose: Pose, line: ParallelLine, row: int, s: float, offset: float) -> DrivenPlace:
+    def _beside(self, pose: Pose, line: ParallelLine, row: int, s: float, d: float) -> DrivenPlace:
         """Return the place on a parallel line beside a pose on the path, at no more speed than its bend allows."""
         bend = float(line.bend[row])
         v = min(pose.speed, math.sqrt(LATERAL / abs(bend))) if bend else pose.speed
         beside = replace(pose, x=float(line.x[row]), y=float(line.y[row]), speed=v, yaw_rate=v * bend)
         steering = self._steering(bend, v)
         reach = max(self._distances(beside, steering) or (0.0,))
-        return DrivenPlace(s, beside, steering, line.ahead(row, min(reach, EXTENSION)), offset)
+        return DrivenPlace(s, beside, steering, line.ahead(row, min(reach, EXTENSION)), d)
 
     def _steering(self, bend: float, speed: float) -> float:
         """Return the road-wheel angle [rad] that drives a curvature [1/m] at a speed [m/s]."""

@@ -105,9 +105,9 @@ def as_pairs(shapes: Complexes, x: float, y: float, heading: float) -> Floats:
 
 
 def _covered(corners: Complexes, turned: Floats, loose: Floats) -> Complexes:
-    """Return a rectangle for each cell between two neighbouring paths and two stations.
+    """Return a rectangle for each cell between two neighbouring paths and two places along them.
 
-    `corners`: (4, paths, stations); `turned`: headings, (paths, stations); `loose`: how far a corner strays from the
+    `corners`: (4, paths, places); `turned`: headings, (paths, places); `loose`: how far a corner strays from the
     bilinear interpolation between its places at the ends of the cell [m], at most h^2 / 8 times its second derivative
     in each direction. The interpolation stays in the hull of those places, and so in the rectangle. A single path is
     its own neighbour.

@@ -31,7 +31,7 @@ class BrakedDrive(Protocol):
     path: ReferencePath  #: where the ego was to drive
 
     @property
-    def station(self) -> Floats:
+    def s(self) -> Floats:
         """Where the ego's rear axle was along the path, an entry a tick [m]."""
 
     @property
@@ -98,7 +98,7 @@ def _first_touched(drive: BrakedDrive, ticks: slice, within: float) -> str:
     ahead = (actors.boxes.x - ego.x) * np.cos(ego.heading) + (actors.boxes.y - ego.y) * np.sin(ego.heading) > 0.0
     rows = np.flatnonzero(ahead & (at >= ticks.start) & (at < ticks.stop))
     times = time_to_collision_2d(ego.select(rows), actors.boxes.select(rows))
-    left = drive.path.length - drive.station[at[rows]]
+    left = drive.path.length - drive.s[at[rows]]
     meets = np.isfinite(times)
     meets[meets] = drive.motion.speed[at[rows]][meets] * times[meets] <= left[meets]
     times = np.where(meets, times, np.inf)

@@ -174,7 +174,7 @@ class _Search:
             end = np.where(other > 0.0, last / other, np.where(last >= 0.0, np.inf, -np.inf))
             ends = np.where(speed > 0.0, left / speed, np.where(left >= 0.0, np.inf, -np.inf))
         begin, end = np.maximum(begin, 0.0), np.minimum(np.minimum(end, ends), HORIZON)
-        rows = np.flatnonzero((begin <= end) & (speed + other > AT_REST) & np.isfinite(start.station))
+        rows = np.flatnonzero((begin <= end) & (speed + other > AT_REST) & np.isfinite(start.s))
         boxes = self._boxes
         pairs = Pairs(start, speed, self._places, other, boxes.length, boxes.width, begin, end)
         return rows, pairs.select(rows)
@@ -267,12 +267,12 @@ class _Search:
         row = np.rint((each.place.along + each.other_speed * time) / SPACING).astype(np.int64)
         way, start = each.place.way, each.start
         sample = self._nearest[ways.first[way] + np.clip(row, 0, ways.count[way] - 1)]
-        near = course.path.samples.s[sample] - start.station
+        near = course.path.samples.s[sample] - start.s
         commanded = np.flatnonzero((start.route != OWN_PATH) & ~start.leaves)
         near[commanded] = self._near(
             start.select(commanded), *(column[:, commanded].mean(axis=0) for column in corners)
         )
-        sample[commanded] = course.routes.row(start.route, start.station + near)[commanded]
+        sample[commanded] = course.routes.row(start.route, start.s + near)[commanded]
         ahead, beside = course.project(start, *corners, near)
         vehicle = course.vehicle
         arcs = swept_half_widths(start.curvature, vehicle.rear_axle_to_bumper, vehicle.width)

@@ -35,7 +35,7 @@ MAX_ARC = math.pi
 class Starts(NamedTuple):
     """Where the ego is when its motion is predicted: an entry a prediction, NaN where it is not known."""
 
-    station: Floats  #: of the rear axle on its path [m]
+    s: Floats  #: of the rear axle on its path [m]
     x: Floats  #: of the rear axle, map [m]
     y: Floats  #: as x
     heading: Floats  #: [rad]
@@ -51,26 +51,26 @@ class Starts(NamedTuple):
 
     def select(self, rows: Any) -> Starts:
         """Return the starts of these rows."""
-        station, x, y, heading, curvature = (column[rows] for column in self[:5])
-        return Starts(station, x, y, heading, curvature, self.leaves[rows], self.route[rows])
+        s, x, y, heading, curvature = (column[rows] for column in self[:5])
+        return Starts(s, x, y, heading, curvature, self.leaves[rows], self.route[rows])
 
 
 def starts(
-    station: Floats, x: Floats, y: Floats, heading: Floats, speed: Floats, yaw_rate: Floats, path_heading: Floats,
+    s: Floats, x: Floats, y: Floats, heading: Floats, speed: Floats, yaw_rate: Floats, path_heading: Floats,
     deviation: Floats, route: Indices | None = None,
 ) -> Starts:  # fmt: skip
     """Return where predictions of the ego start.
 
     It has left its path where its rear axle is more than MAX_DEVIATION from it, or its heading differs by more than
-    MAX_HEADING_ERROR from the path's. path_heading [rad] is the path's at `station`, deviation [m] the rear axle's
+    MAX_HEADING_ERROR from the path's. path_heading [rad] is the path's at `s`, deviation [m] the rear axle's
     from it. `route` is the number of its path, by default the scenario's.
     """
     error = np.arctan2(np.sin(heading - path_heading), np.cos(heading - path_heading))
     curvature = np.where(np.isfinite(yaw_rate), yaw_rate, 0.0) / np.maximum(np.abs(speed), MIN_SPEED)
     leaves = (np.abs(deviation) > MAX_DEVIATION) | (np.abs(error) > MAX_HEADING_ERROR)
     if route is None:
-        route = np.full(len(station), OWN_PATH)
-    return Starts(station, x, y, heading, curvature, leaves, route)
+        route = np.full(len(s), OWN_PATH)
+    return Starts(s, x, y, heading, curvature, leaves, route)
 
 
 class PredictedCourse:
@@ -83,13 +83,13 @@ class PredictedCourse:
 
     def end(self, start: Starts) -> Floats:
         """Return how far courses go [m]: to the path's end, and by MAX_ARC at most along an arc."""
-        left = self.routes.length[start.route] - start.station
+        left = self.routes.length[start.route] - start.s
         with np.errstate(divide="ignore"):
             return np.where(start.leaves, np.minimum(left, MAX_ARC / np.abs(start.curvature)), left)
 
     def body(self, start: Starts, gone: Floats, speed: Floats) -> Boxes:
         """Return the ego's boxes when its rear axle has gone so far [m]."""
-        x, y, heading = self.routes.at(start.route, start.station + gone)
+        x, y, heading = self.routes.at(start.route, start.s + gone)
         half = 0.5 * start.curvature * gone
         chord = gone * np.sinc(half / np.pi)
         x = np.where(start.leaves, start.x + chord * np.cos(start.heading + half), x)
@@ -102,9 +102,9 @@ class PredictedCourse:
 
         On the path they are looked for within `window` [m] of `near` [m ahead].
         """
-        ahead, beside, heading = self.routes.search(start.route, x, y, start.station + near, window)
+        ahead, beside, heading = self.routes.search(start.route, x, y, start.s + near, window)
         off = np.flatnonzero(start.leaves)
-        ahead -= start.station
+        ahead -= start.s
         arc = start.select(off)
         ahead[off], beside[off] = _on_arc(arc, x[off], y[off])
         heading[off] = arc.heading + arc.curvature * ahead[off]
@@ -113,8 +113,8 @@ class PredictedCourse:
     def project(self, start: Starts, x: Floats, y: Floats, near: Floats) -> tuple[Floats, Floats]:
         """Return how far ahead and beside (left positive) [m] points are that are metres from `near` [m ahead]."""
         for _ in range(2):
-            station, beside, _ = self.routes.samples.project(x, y, self.routes.row(start.route, start.station + near))
-            near = station - start.station
+            s, beside, _ = self.routes.samples.project(x, y, self.routes.row(start.route, start.s + near))
+            near = s - start.s
         if not start.leaves.any():
             return near, beside
         along, across = _on_arc(start, x, y)

@@ -29,7 +29,7 @@ from vve_sumo.metrics.lead_vehicle import (
     in_the_way,
     index_of_tick,
     lead_vehicle,
-    own_stations,
+    own_s,
 )
 from vve_sumo.metrics.predicted_ways import Indices, PlacedWays, recorded_ways
 from vve_sumo.metrics.ride_comfort import RideComfort, lateral_acceleration, ride_comfort, ride_of
@@ -115,9 +115,9 @@ class DriveData:
         return vehicle_boxes(motion.x, motion.y, motion.heading, motion.speed, self.vehicle)
 
     @cached_property
-    def station(self) -> Floats:
+    def s(self) -> Floats:
         """Where the rear axle was on the path, tick by tick [m]."""
-        return own_stations(self.path, self.motion.x, self.motion.y, self.column("s_m"))
+        return own_s(self.path, self.motion.x, self.motion.y, self.column("s_m"))
 
     @cached_property
     def course(self) -> PredictedCourse:
@@ -130,11 +130,11 @@ class DriveData:
             rate = np.where(np.isfinite(turned), turned, rate)
         place = motion.x, motion.y, motion.heading
         routes, route = self.routes
-        station, deviation, along = self.station.copy(), track.lateral_deviation.copy(), track.path_heading.copy()
+        s, deviation, along = self.s.copy(), track.lateral_deviation.copy(), track.path_heading.copy()
         own = np.flatnonzero((route != OWN_PATH) & np.isfinite(motion.x))
         own_place = motion.x[own], motion.y[own], np.zeros(len(own))
-        station[own], deviation[own], along[own] = routes.search(route[own], *own_place, WINDOW)
-        start = starts(station, *place, motion.speed, rate, along, deviation, route)
+        s[own], deviation[own], along[own] = routes.search(route[own], *own_place, WINDOW)
+        start = starts(s, *place, motion.speed, rate, along, deviation, route)
         return PredictedCourse(self.path, self.vehicle, start, routes)
 
     @cached_property
@@ -144,14 +144,14 @@ class DriveData:
         if self.commanded is None or self.commanded.num_rows == 0:
             return Routes.from_paths(self.path), route
         numbers: dict[CommandedPath, int] = {}
-        paths, stations = [], self.station
+        paths, s = [], self.s
         index = {tick: at for at, tick in enumerate(self.ticks["tick"].to_pylist())}
         for tick, path in by_tick(self.commanded).items():
             if (at := index.get(tick)) is None:
                 continue
             if path not in numbers:
                 numbers[path] = len(numbers) + 1
-                paths.append((curve(path), float(stations[at])))
+                paths.append((curve(path), float(s[at])))
             route[at] = numbers[path]
         return Routes.from_paths(self.path, paths), route
 
@@ -173,7 +173,7 @@ class DriveData:
         """
         conflicting = np.zeros(self.actors.num_rows, np.bool_)
         actors, met = self.actor_rows, np.isfinite(self.contacts.time)
-        since = np.full(len(actors.names), len(self.station))
+        since = np.full(len(actors.names), len(self.s))
         np.minimum.at(since, actors.code[met], actors.at[met])
         conflicting[actors.rows] = actors.at >= since[actors.code]
         counted = in_the_way(self._in_strip, self.vehicle, conflicting)

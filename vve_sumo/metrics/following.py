@@ -25,15 +25,15 @@ class Rss(NamedTuple):
 
     response: float = 1.0  #: of the rear car [s]
     acceleration: float = 3.5  #: greatest of the rear car while it does not respond yet [m/s2]
-    least_braking: float = 4.0  #: that the rear car then brakes with at least [m/s2], positive
-    greatest_braking: float = 8.0  #: that the front car brakes with at most [m/s2], positive
+    min_braking: float = 4.0  #: that the rear car then brakes with at least [m/s2], positive
+    max_braking: float = 8.0  #: that the front car brakes with at most [m/s2], positive
 
 
 #: ad-rss 5.0, "Parameter discussion"
 RSS = Rss()
 #: ordinary following: reaction and braking of the competent and careful driver of UN R157 (0.75 s, 0.774 g). Assumed
 #: besides: a follower does not accelerate meanwhile, and its leader brakes no harder than that driver either
-RSS_FOLLOWING = Rss(response=0.75, acceleration=0.0, least_braking=7.59, greatest_braking=7.59)
+RSS_FOLLOWING = Rss(response=0.75, acceleration=0.0, min_braking=7.59, max_braking=7.59)
 
 
 def headway(gap: ArrayLike, speed: ArrayLike) -> Floats:
@@ -108,8 +108,8 @@ def rss_distance(speed: ArrayLike, leader_speed: ArrayLike, assumed: Rss = RSS) 
     """
     v, w = _arrays(speed, leader_speed)
     rho, a = assumed.response, assumed.acceleration
-    way = v * rho + 0.5 * a * rho * rho + (v + rho * a) ** 2 / (2.0 * assumed.least_braking)
-    distance = np.maximum(way - w * w / (2.0 * assumed.greatest_braking), 0.0)
+    way = v * rho + 0.5 * a * rho * rho + (v + rho * a) ** 2 / (2.0 * assumed.min_braking)
+    distance = np.maximum(way - w * w / (2.0 * assumed.max_braking), 0.0)
     safe: Floats = np.where((v >= 0.0) & (w >= 0.0), distance, np.nan)[()]
     return safe
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 Indices = NDArray[np.int64]
 
-#: an actor whose station lies further ahead than this takes no part in gap and time to collision [m]
+#: an actor whose s lies further ahead than this takes no part in gap and time to collision [m]
 HORIZON = 150.0
 #: an actor whose centre lies further from the path than this cannot reach into the strip [m]
 CLOSE_TO_PATH = 16.0
@@ -80,8 +80,8 @@ class LeadVehicle:
         return np.where(self.closes, np.minimum(needed, following.MAX_DECELERATION), np.nan)
 
 
-def own_stations(path: ReferencePath, x: Floats, y: Floats, near: Floats) -> Floats:
-    """Return the stations [m] of places of the ego on its path, each near where the drive placed it; NaN for none."""
+def own_s(path: ReferencePath, x: Floats, y: Floats, near: Floats) -> Floats:
+    """Return s [m] of places of the ego on its path, each near where the drive placed it; NaN for none."""
     own = np.full(len(x), np.nan)
     placed = np.flatnonzero(np.isfinite(x) & np.isfinite(near))
     own[placed], _, _ = path.project_many(x[placed], y[placed], near[placed], WINDOW)
@@ -94,8 +94,8 @@ class InStrip(NamedTuple):
     row: Indices  #: number of the actor's row among those that were looked at
     at: Indices  #: index of the tick
     gap: Floats  #: from the ego's front bumper to the nearest point of the box in the strip, along the course [m]
-    begins: Floats  #: station of that point [m]
-    ends: Floats  #: station of the path's end [m]
+    begins: Floats  #: s of that point [m]
+    ends: Floats  #: s of the path's end [m]
     along: Floats  #: cosine of the box's heading against the course's
     speed: Floats  #: of the box along its heading [m/s]
 
@@ -135,7 +135,7 @@ def lead_vehicle(strip: InStrip, actors: pa.Table, speed: Floats) -> LeadVehicle
 
 def lead_vehicle_now(
     ego: Pose,
-    station: float,
+    near_s: float,
     actors: Actors,
     path: ReferencePath,
     vehicle: Vehicle,
@@ -144,14 +144,14 @@ def lead_vehicle_now(
     """Return the lead vehicle of one tick while the drive goes on: one entry, the nearest of every actor in the strip.
 
     While the drive goes on nothing is known of what actors do later, so nothing is judged by predicted paths here.
-    `ego` is the rear axle's pose on the virtual road, `station` [m] near its own, NaN where nobody knows it yet.
+    `ego` is the rear axle's pose on the virtual road, `near_s` [m] near its own s, NaN where nobody knows it yet.
     `commanded` is the path that the newest command carries, which then is the ego's in place of `path`.
     """
-    if not math.isfinite(station):
+    if not math.isfinite(near_s):
         return LeadVehicle(np.full(1, np.nan), np.full(1, np.nan), [""])
     x, y, heading, speed, rate = (np.array([value]) for value in (ego.x, ego.y, ego.heading, ego.speed, ego.yaw_rate))
-    routes = Routes.from_paths(path, () if commanded is None else [(curve(commanded), station)])
-    route, near = np.array([OWN_PATH]), np.array([station])
+    routes = Routes.from_paths(path, () if commanded is None else [(curve(commanded), near_s)])
+    route, near = np.array([OWN_PATH]), np.array([near_s])
     if commanded is not None:
         route, near = route + 1, np.zeros(1)
     own, deviation, path_heading = routes.search(route, x, y, near, WINDOW)
@@ -185,7 +185,7 @@ def _boxes_in_strip(at: Indices, boxes: Boxes, course: PredictedCourse, ego: Box
     gap = _body_gap(begins - bumper, ego.select(at), boxes)
     along, counts = np.cos(boxes.heading - heading), (centre > middle) | (begins > middle)
     ends = course.routes.length[start.route]
-    found = InStrip(rows, at, gap, start.station + bumper + gap, ends, along, boxes.speed)
+    found = InStrip(rows, at, gap, start.s + bumper + gap, ends, along, boxes.speed)
     return found.select(counts & (gap < HORIZON))
 
 
@@ -233,7 +233,7 @@ def _rows_near(ticks: pa.Table, actors: pa.Table, course: PredictedCourse) -> tu
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     at, start, samples = index_of_tick(ticks, actors), course.starts, course.path.samples
     known = at >= 0
-    known[known] = np.isfinite(start.station[at[known]])
+    known[known] = np.isfinite(start.s[at[known]])
     centres = np.column_stack((actors["x_m"].to_numpy(), actors["y_m"].to_numpy()))
     tree = KDTree(np.column_stack((samples.x, samples.y)))
     far = np.full(len(centres), np.inf)

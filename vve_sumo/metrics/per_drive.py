@@ -66,7 +66,7 @@ metric(
     "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its course and "
     "the actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
     f"{HORIZON:g} s away",
-    lambda drive: least(drive.conflict.time),
+    lambda drive: minimum(drive.conflict.time),
     worse="lower",
     source="Hayward 1972",
     absent=math.inf,
@@ -92,7 +92,7 @@ metric(
     "maximum DRAC",
     "deceleration rate to avoid a crash that min_ttc_s sees coming: the least constant one of the ego that avoids it, "
     f"the greatest at any tick; counted up to {MAX_DECELERATION:g} m/s², which no road car can do; none as min_ttc_s",
-    lambda drive: greatest(drive.conflict.deceleration),
+    lambda drive: maximum(drive.conflict.deceleration),
     worse="higher",
     cap=MAX_DECELERATION,
     source="Almqvist, Hydén and Risser 1991",
@@ -105,7 +105,7 @@ metric(
     "least gap at any tick, along the ego's course, to what was in the ego's strip before the path's end and stood, "
     "went the ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; 0 at contact, negative is "
     "overlap, none where nothing ever was",
-    lambda drive: least(drive.lead.gap),
+    lambda drive: minimum(drive.lead.gap),
     worse="lower",
     absent=math.inf,
     missing="nothing was ever ahead",
@@ -115,7 +115,7 @@ metric(
     "minimum TTC in the strip",
     "gap over closing speed to the nearest box in the strip of the ego's width around its course, wherever that goes; "
     "the least at any tick, none where nothing was ever closed in on",
-    lambda drive: least(drive.strip_lead.time_to_collision),
+    lambda drive: minimum(drive.strip_lead.time_to_collision),
     worse="lower",
     source="Hayward 1972",
     absent=math.inf,
@@ -125,7 +125,7 @@ metric(
     "maximum DRAC in the strip",
     "closing speed squared over twice the gap of strip_min_ttc_s, the greatest at any tick; counted up to "
     f"{MAX_DECELERATION:g} m/s²; none as strip_min_ttc_s",
-    lambda drive: greatest(drive.strip_lead.required_deceleration),
+    lambda drive: maximum(drive.strip_lead.required_deceleration),
     worse="higher",
     cap=MAX_DECELERATION,
     source="Almqvist, Hydén and Risser 1991",
@@ -136,7 +136,7 @@ metric(
     "minimum gap in the strip",
     "least gap at any tick to the nearest part of a box in the strip of the ego's width around its course, also beyond "
     "the path's end; 0 at contact, negative is overlap, none where nothing ever was",
-    lambda drive: least(drive.strip_lead.gap),
+    lambda drive: minimum(drive.strip_lead.gap),
     worse="lower",
     absent=math.inf,
 )
@@ -205,7 +205,7 @@ def impact_speed(drive: DriveData) -> float:
     relative = ticks["requested_speed_mps"][first].as_py() - speed * np.cos(
         heading - ticks["requested_heading_rad"][first].as_py()
     )
-    return greatest(np.abs(relative))
+    return maximum(np.abs(relative))
 
 
 metric(
@@ -267,7 +267,7 @@ def _max_lateral_deviation(drive: DriveData) -> float:
     deviation = drive.column("lateral_deviation_m")
     if not np.isfinite(deviation).any():
         deviation = drive.column("estimated_deviation_m")
-    return greatest(np.abs(deviation))
+    return maximum(np.abs(deviation))
 
 
 metric(
@@ -282,7 +282,7 @@ metric(
     "max_deceleration_mps2",
     "maximum deceleration",
     "of the rear axle along its heading",
-    lambda drive: max(0.0, -least(drive.motion.acceleration)),
+    lambda drive: max(0.0, -minimum(drive.motion.acceleration)),
     worse="higher",
     missing="the car's motion was never known",
     actor="hardest_braking_for",
@@ -291,7 +291,7 @@ metric(
     "max_speed_mps",
     "maximum speed",
     "of the rear axle along its heading",
-    lambda drive: greatest(drive.motion.speed),
+    lambda drive: maximum(drive.motion.speed),
     criterion=False,
 )
 
@@ -561,12 +561,12 @@ def make() -> Metrics:
     return Metrics(per_drive=PER_DRIVE)
 
 
-def least(values: Floats) -> float:
+def minimum(values: Floats) -> float:
     """Return the least finite value; NaN for none."""
     finite = values[np.isfinite(values)]
     return float(finite.min()) if len(finite) else math.nan
 
 
-def greatest(values: Floats) -> float:
+def maximum(values: Floats) -> float:
     """Return the greatest finite value; NaN for none."""
-    return -least(-values)
+    return -minimum(-values)

@@ -49,15 +49,15 @@ class Routes:
 
     @classmethod
     def from_paths(cls, own: ReferencePath, commanded: Iterable[tuple[ReferencePath, float]] = ()) -> Routes:
-        """Return the scenario's path, and after it commanded ones, each with the station at which it begins [m].
+        """Return the scenario's path, and after it commanded ones, each with the s of that at which it begins [m].
 
         A commanded path that leads back onto the scenario's goes on along that to its end, any other one straight.
         """
         table = own.samples
         base = cls._from_lines([table], [own.length])
         lines, lengths = [table], [own.length]
-        for path, station in commanded:
-            line, length = _line(path, station, own, base)
+        for path, start_s in commanded:
+            line, length = _line(path, start_s, own, base)
             lines.append(line)
             lengths.append(length)
         return cls._from_lines(lines, lengths) if len(lines) > 1 else base
@@ -69,16 +69,16 @@ class Routes:
         heading = np.unwrap(np.arctan2(samples.tangent_y, samples.tangent_x))
         return cls(samples, heading, np.cumsum(count) - count, count, np.array(lengths))
 
-    def row(self, route: Indices, station: Floats) -> Indices:
-        """Return the number of the sample that is nearest to a station [m] of a line; any for NaN."""
-        row = np.rint((station - self.samples.s[self.first[route]]) / SAMPLE_SPACING)
+    def row(self, route: Indices, s: Floats) -> Indices:
+        """Return the number of the sample that is nearest to an s [m] of a line; any for NaN."""
+        row = np.rint((s - self.samples.s[self.first[route]]) / SAMPLE_SPACING)
         last = self.count[route] - 1
         return self.first[route] + np.clip(np.where(np.isfinite(row), row, 0.0), 0, last).astype(np.int64)
 
-    def at(self, route: Indices, station: Floats) -> Place:
-        """Return the points of lines at stations [m], on the circle of curvature of the nearest sample."""
-        table, row = self.samples, self.row(route, station)
-        arc, bend, tx, ty = station - table.s[row], table.curvature[row], table.tangent_x[row], table.tangent_y[row]
+    def at(self, route: Indices, s: Floats) -> Place:
+        """Return the points of lines at their s [m], on the circle of curvature of the nearest sample."""
+        table, row = self.samples, self.row(route, s)
+        arc, bend, tx, ty = s - table.s[row], table.curvature[row], table.tangent_x[row], table.tangent_y[row]
         sagitta = 0.5 * bend * arc * arc
         x, y = table.x[row] + arc * tx - sagitta * ty, table.y[row] + arc * ty + sagitta * tx
         return Place(x, y, self.heading[row] + bend * arc)
@@ -93,19 +93,19 @@ class Routes:
         return table.project_within(x, y, index + self.first[route][:, None])
 
 
-def _line(path: ReferencePath, station: float, own: ReferencePath, base: Routes) -> tuple[Samples, float]:
-    """Return the samples of a commanded path that begins at a station of the scenario's [m], and where it ends [m]."""
+def _line(path: ReferencePath, start_s: float, own: ReferencePath, base: Routes) -> tuple[Samples, float]:
+    """Return the samples of a commanded path that begins at an s of the scenario's [m], and where it ends [m]."""
     start, last = round(EXTENSION / SAMPLE_SPACING), math.ceil(path.length / SAMPLE_SPACING)
     line = Samples(*(column[start - BEFORE : start + last + 1] for column in path.samples))
     end = path.at(path.length)
-    foot = own.project(end.x, end.y, station + path.length if math.isfinite(station) else None)
+    foot = own.project(end.x, end.y, start_s + path.length if math.isfinite(start_s) else None)
     turn = math.remainder(end.heading - foot.heading, math.tau)
-    if not (abs(foot.offset) <= JOINED_OFFSET and abs(turn) <= JOINED_TURN and foot.s < own.length):
+    if not (abs(foot.d) <= JOINED_OFFSET and abs(turn) <= JOINED_TURN and foot.s < own.length):
         return line, math.inf
     after = min(JOINED_LENGTH, own.length - foot.s + 1.0)
     s = SAMPLE_SPACING * np.arange(last, last + math.ceil(after) + 1, dtype=np.float64)
-    stations, route = foot.s + (s - path.length), np.full(len(s), OWN_PATH)
-    place, curvature = base.at(route, stations), own.samples.curvature[base.row(route, stations)].copy()
+    own_s, route = foot.s + (s - path.length), np.full(len(s), OWN_PATH)
+    place, curvature = base.at(route, own_s), own.samples.curvature[base.row(route, own_s)].copy()
     curvature[-1] = 0.0  # straight on from there
     tail = Samples(s, place.x, place.y, np.cos(place.heading), np.sin(place.heading), curvature)
     joined = Samples(*(np.concatenate((one[:-1], other)) for one, other in zip(line, tail, strict=True)))

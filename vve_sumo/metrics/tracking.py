@@ -24,14 +24,14 @@ class Tracking(NamedTuple):
     path_heading: Floats  #: at the foot [rad], counter-clockwise from the map's +x
 
 
-def track(path: ReferencePath, x: Floats, y: Floats, heading: Floats, station: Floats) -> Tracking:
+def track(path: ReferencePath, x: Floats, y: Floats, heading: Floats, near_s: Floats) -> Tracking:
     """Return deviation and heading error of poses; x, y of the rear axle, map [m]; heading [rad].
 
-    `station` [m] is near the pose's own, so that a path that crosses itself does not mix its branches.
+    `near_s` [m] is near each pose's own s, so that a path that crosses itself does not mix its branches.
     """
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(station))
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(near_s))
     lateral, along = np.full(len(x), np.nan), np.full(len(x), np.nan)
-    _, lateral[known], along[known] = path.project_many(x[known], y[known], station[known], WINDOW)
+    _, lateral[known], along[known] = path.project_many(x[known], y[known], near_s[known], WINDOW)
     return Tracking(lateral, wrapped(heading - along), along)
 
 

@@ -109,28 +109,28 @@ def _smoothed(track: Floats, tolerance: float, closed: bool) -> tuple[Floats, fl
     seam = min(round(SEAM / FINE), len(line) - 1) if closed else 0
     if seam:
         line = np.vstack([line[-seam - 1 : -1], line, line[1 : seam + 1]])
-    stations = _stations(line)
+    s = _arc_lengths(line)
     least, greatest = (math.log(weight) for weight in WEIGHTS)
     for _ in range(BISECTIONS):
         middle = (least + greatest) / 2
-        within = _departure(line, _bent(line, math.exp(middle), stations)) <= tolerance
+        within = _departure(line, _bent(line, math.exp(middle), s)) <= tolerance
         least, greatest = (middle, greatest) if within else (least, middle)
-    first, last = float(stations[seam]), float(stations[len(line) - 1 - seam])
+    first, last = float(s[seam]), float(s[len(line) - 1 - seam])
     even: Floats = np.linspace(first, last, round((last - first) / SPACING) + 1)
     points = _bent(line, math.exp(least), even)
     if closed:
         points[-1] = points[0]
-    return points, _departure(line, _bent(line, math.exp(least), stations))
+    return points, _departure(line, _bent(line, math.exp(least), s))
 
 
 def _bent(line: Floats, weight: float, at: Floats) -> Floats:
     from scipy.interpolate import make_smoothing_spline
 
-    stations = _stations(line)
-    return np.stack([make_smoothing_spline(stations, line[:, axis], lam=weight)(at) for axis in (0, 1)], axis=1)
+    s = _arc_lengths(line)
+    return np.stack([make_smoothing_spline(s, line[:, axis], lam=weight)(at) for axis in (0, 1)], axis=1)
 
 
-def _stations(line: Floats) -> Floats:
+def _arc_lengths(line: Floats) -> Floats:
     return np.arange(len(line), dtype=np.float64) * FINE
 
 
@@ -140,9 +140,9 @@ def _departure(line: Floats, other: Floats) -> float:
 
 def _even(line: Floats) -> Floats:
     """Return points of the polyline at even distances of about FINE, both ends among them."""
-    stations = np.concatenate([[0.0], np.cumsum(_norms(np.diff(line, axis=0)))])
-    even = np.linspace(0.0, stations[-1], max(4, round(stations[-1] / FINE)) + 1)
-    return np.stack([np.interp(even, stations, line[:, axis]) for axis in (0, 1)], axis=1)
+    s = np.concatenate([[0.0], np.cumsum(_norms(np.diff(line, axis=0)))])
+    even = np.linspace(0.0, s[-1], max(4, round(s[-1] / FINE)) + 1)
+    return np.stack([np.interp(even, s, line[:, axis]) for axis in (0, 1)], axis=1)
 
 
 def _norms(vectors: Floats) -> Floats:

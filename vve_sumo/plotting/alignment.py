@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 WIDTH: Final = 12.0  #: of the page [inch]
 TALLEST, FLATTEST = 8.0, 3.0  #: of the lot on it [inch]
 ABOVE, BELOW = 1.35, 0.7  #: room for words [inch]
-#: stations from one swept place that is drawn to the next [m]
+#: along the path from one swept place that is drawn to the next [m]
 EVERY: Final = 3
 ARROW: Final = 0.06  #: of the start's arrow, of the lot's width
 
@@ -90,7 +90,7 @@ def _subtitle(shown: PathInLot) -> str:
     if shown.fit.whole:
         clear = f"{shown.fit.clearance:.1f} m inside the margin"
         return f"fits at up to {shown.speed:.1f} m/s: all that is swept stays {clear}"
-    return f"from {shown.fit.station:.0f} m on, the car could not stop inside"
+    return f"from {shown.fit.last_s:.0f} m on, the car could not stop inside"
 
 
 def _lot(axes: Axes, shown: PathInLot) -> None:
@@ -108,18 +108,18 @@ def _path(axes: Axes, shown: PathInLot) -> None:
     from matplotlib.collections import PolyCollection
 
     to_lot = shown.alignment.inverse()
-    end = -math.inf if shown.fit is None else shown.fit.station
+    end = -math.inf if shown.fit is None else shown.fit.last_s
     inside: list[Floats] = []
     outside: list[Floats] = []
     line = []
     for place in shown.geofence.driven(shown.path, shown.speed, shown.corridor):
         pose = to_lot.apply(place.pose)
-        if place.offset == 0.0:
+        if place.d == 0.0:
             line.append((pose.x, pose.y))
-        if int(place.station) % EVERY == 0:
-            shapes = shown.geofence.sweep(pose, place.steering, place.fallback_path, place.station)
+        if int(place.s) % EVERY == 0:
+            shapes = shown.geofence.sweep(pose, place.steering, place.fallback_path, place.s)
             if shapes is not None:
-                (inside if place.station <= end else outside).append(shapes)
+                (inside if place.s <= end else outside).append(shapes)
     for swept, colour, name in ((inside, EGO_PALE, "swept, stops included"), (outside, ALARM, "no stop inside")):
         if swept:
             every = list(np.concatenate(swept))
@@ -135,8 +135,8 @@ def _corridor(axes: Axes, shown: PathInLot) -> None:
     to_lot = shown.alignment.inverse()
     for number, stretch in enumerate(shown.corridor):
         end = min(stretch.end, shown.path.length)
-        stations = np.linspace(stretch.begin, end, math.ceil(end - stretch.begin) + 1).tolist()
-        points = [shown.path.at(s) for s in stations]
+        along = np.linspace(stretch.begin, end, math.ceil(end - stretch.begin) + 1).tolist()
+        points = [shown.path.at(s) for s in along]
         sides = [
             [(point.x - d * math.sin(point.heading), point.y + d * math.cos(point.heading)) for point in points]
             for d in (stretch.left, -stretch.right)

@@ -244,9 +244,9 @@ def draw_close_up(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     draw_map(axes, page, view, PAPER)
     _cars(axes, page, view)
     _cross(axes, page, view)
-    gap, station = float(page.lead.gap[-1]), page.ticks["s_m"][-1].as_py()
-    if 0.0 < gap <= MAX_GAP_SHOWN and math.isfinite(station):
-        bumper = station + page.vehicle.rear_axle_to_bumper
+    gap, s = float(page.lead.gap[-1]), page.ticks["s_m"][-1].as_py()
+    if 0.0 < gap <= MAX_GAP_SHOWN and math.isfinite(s):
+        bumper = s + page.vehicle.rear_axle_to_bumper
         _dimension(axes, view, page.path, bumper, gap, page.vehicle.width / 2.0 + 0.7)
 
 

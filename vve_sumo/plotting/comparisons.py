@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 WIDE: Final = 10.0
 ROW: Final = 1.55  #: height of a signal's row [inch]
 #: what the axes that signals are compared over are called
-ALONG: Final = {"time_s": "time from first motion [s]", "s_m": "station along the path [m]"}
+ALONG: Final = {"time_s": "time from first motion [s]", "s_m": "s along the path [m]"}
 
 
 def comparison(compared: Comparison) -> Figure:

@@ -154,7 +154,7 @@ def _crossed(rows: pd.DataFrame, by: str | None, facet: str | None) -> list[RowS
     if by is None or facet is None:
         return parts_of(rows, by or facet, MAX_PANELS)
     return [
-        RowSubset(f"{down.word}, {across.word}", down.which & across.which, across.look)
+        RowSubset(f"{down.word}, {across.word}", down.which & across.which, across.style)
         for down in parts_of(rows, facet, MAX_PANELS)
         for across in parts_of(rows, by, MAX_PANELS)
     ]
@@ -295,10 +295,10 @@ def _curve(axes: Axes, values: Floats, part: RowSubset) -> None:
     x, y = np.append(begin, ordered[some]), np.append(level[: len(begin)], share)
     lacking = f"{len(ordered):,} of {len(values):,} runs" if len(ordered) < len(values) else f"{len(values):,} runs"
     lacking += f", {hits:,} collided" if hits else ""
-    style: dict[str, Any] = {"color": part.look.colour, "linestyle": part.look.stroke}
+    style: dict[str, Any] = {"color": part.style.colour, "linestyle": part.style.stroke}
     axes.step(x, y, where="post", label=f"{part.word or 'all'} ({lacking})", **style)
     if 0 < len(ordered) + below < len(values):
-        axes.plot(x[-1], y[-1], "o", markerfacecolor=PAPER, markersize=5.0, color=part.look.colour)
+        axes.plot(x[-1], y[-1], "o", markerfacecolor=PAPER, markersize=5.0, color=part.style.colour)
 
 
 def _pass_band(axes: Axes, band: tuple[float, float]) -> None:

@@ -158,8 +158,8 @@ def _candidates(edge: DrawnEdge, scale: float) -> Iterable[_Label]:
 def _place(shape: Floats, at: float, half: float) -> tuple[tuple[float, float], float]:
     """Return a place along a line [m] and the direction of the line around it."""
     spans = np.sqrt((np.diff(shape, axis=0) ** 2).sum(axis=1))
-    stations = np.concatenate(([0.0], np.cumsum(spans)))
-    x, y = ([float(np.interp(s, stations, shape[:, axis])) for s in (at, at - half, at + half)] for axis in (0, 1))
+    s = np.concatenate(([0.0], np.cumsum(spans)))
+    x, y = ([float(np.interp(at_s, s, shape[:, axis])) for at_s in (at, at - half, at + half)] for axis in (0, 1))
     return (x[0], y[0]), math.atan2(y[2] - y[1], x[2] - x[1])
 
 

@@ -43,9 +43,9 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
                 blank(axes, f"no pair has a {label_of(figure)}")
             return drawn
         for part in parts:
-            look: dict[str, Any] = {"color": part.look.colour, "alpha": 0.75, "markersize": 4.5}
+            look: dict[str, Any] = {"color": part.style.colour, "alpha": 0.75, "markersize": 4.5}
             word = part.legend_label(f"{(part.which & both).sum():,} pairs")
-            left.plot(one[part.which], other[part.which], part.look.mark, linestyle="", label=word, **look)
+            left.plot(one[part.which], other[part.which], part.style.mark, linestyle="", label=word, **look)
             _differences(right, (other - one)[part.which], part)
         _diagonal(left, compared, one, other)
         right.axvline(0.0, **LIMIT)
@@ -71,10 +71,10 @@ def _differences(axes: Axes, difference: Floats, part: RowSubset) -> None:
     if len(ordered):
         share = 100.0 * np.arange(len(ordered) + 1) / len(difference)
         middle = f"median {np.median(ordered):.3g}"
-        style: dict[str, Any] = {"color": part.look.colour, "linestyle": part.look.stroke}
+        style: dict[str, Any] = {"color": part.style.colour, "linestyle": part.style.stroke}
         axes.step(np.append(ordered[:1], ordered), share, where="post", label=part.legend_label(middle), **style)
         if len(ordered) < len(difference):
-            axes.plot(ordered[-1], share[-1], "o", markerfacecolor=PAPER, markersize=5.0, color=part.look.colour)
+            axes.plot(ordered[-1], share[-1], "o", markerfacecolor=PAPER, markersize=5.0, color=part.style.colour)
 
 
 def _diagonal(axes: Axes, compared: PairedComparison, one: Floats, other: Floats) -> None:

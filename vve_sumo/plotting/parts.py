@@ -30,7 +30,7 @@ class RowSubset(NamedTuple):
 
     word: str  #: what they have in common; empty of all rows
     which: NDArray[np.bool_]  #: of every row (n) whether it is one of them
-    look: SeriesStyle
+    style: SeriesStyle
 
     def legend_label(self, word: str) -> str:
         """Return what a legend calls something that is drawn of this part."""
@@ -51,7 +51,7 @@ def parts_of(rows: pd.DataFrame, by: str | None, most: int = len(LINE_STYLES)) -
     if (place < 0).any():
         place, words = np.where(place < 0, len(words), place), [*words, f"without {label_of(by)}"]
     looks = (LINE_STYLES * (1 + len(words) // len(LINE_STYLES)))[: len(words)]
-    return [RowSubset(word, place == n, look) for n, (word, look) in enumerate(zip(words, looks, strict=True))]
+    return [RowSubset(word, place == n, style) for n, (word, style) in enumerate(zip(words, looks, strict=True))]
 
 
 def _numbered(rows: pd.DataFrame, by: str, most: int) -> tuple[NDArray[np.intp], list[str]]:

@@ -28,7 +28,7 @@ class ColumnPanel(NamedTuple):
     title: str
     unit: str
     factor: float  #: from SI to the unit
-    least: float  #: half of the axis at least, so that noise around nothing looks like nothing
+    min_half_range: float  #: half of the axis at least, so that noise around nothing looks like nothing
 
 
 PANELS: Final[Mapping[str, ColumnPanel]] = {
@@ -69,7 +69,7 @@ def _paint(axes: Axes, table: pa.Table, comparison: ControllerComparison, name: 
     axes.plot(time, recorded, color=EGO_PALE, linewidth=3.6, label=f"{names[0]}, as recorded")
     axes.plot(time, other, color=INK, linewidth=1.0, label=f"{names[1]}, on the same inputs")
     low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -panel.least), max(high, panel.least))
+    axes.set_ylim(min(low, -panel.min_half_range), max(high, panel.min_half_range))
     apart = panel.factor * comparison.greatest[name], panel.factor * comparison.rms[name]
     words = "differ by {:.3g}{unit} at most, {:.3g}{unit} rms".format(*apart, unit=panel.unit)
     axes.set_title(words, loc="right", pad=5, color=QUIET, fontsize=10)

@@ -63,8 +63,8 @@ def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, 
                 _line(axes, levels, line, values[both], part)
                 if not share and known[both].sum() <= MAX_POINTS:
                     aside = _aside(levels, place, len(parts))
-                    mark: dict[str, Any] = {"color": part.look.colour, "markersize": 3.0, "alpha": 0.45}
-                    axes.plot(at[both] + aside, np.where(known, values, np.nan)[both], part.look.mark, **mark)
+                    mark: dict[str, Any] = {"color": part.style.colour, "markersize": 3.0, "alpha": 0.45}
+                    axes.plot(at[both] + aside, np.where(known, values, np.nan)[both], part.style.mark, **mark)
                 _lacking(axes, at[both], values[both], part, place)
             axes.margins(y=0.12)
             explain(axes, 2, panel.word)
@@ -84,14 +84,14 @@ def _line(axes: Axes, levels: Floats, line: Floats, values: Floats, part: RowSub
     """Draw the line of a part, and say how many of its runs have the figure."""
     known = int(np.isfinite(values).sum())
     count = f"{known:,} of {len(values):,} runs" if known < len(values) else f"{known:,} runs"
-    look = part.look
+    look = part.style
     axes.plot(levels, line, look.mark, linestyle=look.stroke, color=look.colour, label=part.legend_label(count))
 
 
 def _lacking(axes: Axes, at: Floats, values: Floats, part: RowSubset, place: int) -> None:
     """Mark the runs of a part that lack the figure along the lower edge, in the line number `place` from it."""
     low: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "linestyle": "", "markersize": 6.0, "zorder": 4}
-    low |= {"color": part.look.colour, "markerfacecolor": PAPER, "clip_on": False}
+    low |= {"color": part.style.colour, "markerfacecolor": PAPER, "clip_on": False}
     for which, mark, why in ((np.isinf(values), "x", "collided"), (np.isnan(values), "s", "without")):
         if which.any():
             there = thinned(at[which])

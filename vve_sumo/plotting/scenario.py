@@ -389,8 +389,8 @@ def _across(axes: Axes, page: Page) -> None:
     axes.axhspan(-half, half, color=EGO, alpha=0.18, linewidth=0.0, label="strip that the ego covers")
     for actor in page.resolved.scenario.actors:
         seen = [(m.time, actor_state) for m in moments for actor_state in m.actors if actor_state.id == actor.id]
-        offsets = [path.project(actor_state.x, actor_state.y).offset for _time, actor_state in seen]
-        axes.plot([time for time, _state in seen], offsets, color=ACTOR, label=f"{actor.id}, middle")
+        d = [path.project(actor_state.x, actor_state.y).d for _time, actor_state in seen]
+        axes.plot([time for time, _state in seen], d, color=ACTOR, label=f"{actor.id}, middle")
     if page.seen.contact is not None:
         axes.axvline(page.seen.contact.time, color=EGO, linewidth=1.6, label="the ego would be there")
     axes.set_ylabel("beside the path,\nleft positive [m]")

@@ -137,7 +137,7 @@ def _gaps_at_rest(rows: pd.DataFrame, by: str | None, facet: str | None) -> Figu
         for axes, panel in drawn:
             for place, part in enumerate(parts_of(rows, by)):
                 both = panel.which & part.which
-                crowd(axes, speed[both], stood[both], part.look, part.legend_label("gap at rest"))
+                crowd(axes, speed[both], stood[both], part.style, part.legend_label("gap at rest"))
                 _without(axes, rows[both], speed[both], gap[both], part, place)
             axes.axhline(0.0, color=INK, linewidth=1.0)
             explain(axes, 2, panel.word)
@@ -160,7 +160,7 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: R
         if len(at) > MAX_POINTS:
             at, (deepest, _low, middle, _high, _most) = bands(at[np.isfinite(at)], depth[np.isfinite(at)])
             at, depth = np.tile(at, 2), np.concatenate([middle, deepest])
-        own = {"color": part.look.colour} if part.word else {}
+        own = {"color": part.style.colour} if part.word else {}
         word = part.legend_label(f"collision ({runs(deep)})")
         axes.plot(at, depth, label=word, zorder=4, clip_on=False, **BAD | own)
     across = axes.get_xaxis_transform()
@@ -170,7 +170,7 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: R
         (moving, "|", "no rest, or nothing ahead at rest"),
     )
     axes.margins(y=0.12)  # that no cross at the bottom hides them
-    colour = part.look.colour if part.word else QUIET
+    colour = part.style.colour if part.word else QUIET
     for which, mark, word in edge:
         if which.any():
             x = thinned(speed[which])
@@ -213,7 +213,7 @@ def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str |
                 if both.any():
                     _law(upper, fastest, demand[both], reaction[both], part)
                 for axes, values in ((upper, distance), (lower, distance - bound)):
-                    crowd(axes, np.where(both, speed, np.nan), values, part.look, part.legend_label("stops"))
+                    crowd(axes, np.where(both, speed, np.nan), values, part.style, part.legend_label("stops"))
             _hunting(upper, speed, distance, hunting & panel.which)
             _tolerated(lower, speed, tolerance, clean & panel.which)
             _broken(upper, lower, speed, distance, bound, flagged & panel.which)
@@ -258,7 +258,7 @@ def _law(axes: Axes, fastest: float, demand: Floats, reaction: Floats, part: Row
     speeds = np.linspace(0.0, 1.05 * fastest, STEPS)
     delay = float(np.nanmedian(reaction)) if np.isfinite(reaction).any() else 0.0
     hard, middle, soft = np.quantile(demand, (0.95, 0.5, 0.05))
-    look = part.look if part.word else SECOND
+    look = part.style if part.word else SECOND
     law = f"τ = {1000.0 * delay:.0f} ms, a = {middle:.2f} m/s²"
     word = f"{part.word}: {law}" if part.word else f"v τ + v²/2a, {law}"
     distance = speeds * delay + speeds**2 / (2.0 * middle)

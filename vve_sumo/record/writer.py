@@ -223,7 +223,7 @@ class RecordWriter(MemoryRecorder):
     ticks_per_batch = TICKS_PER_BATCH
 
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
-        """Open the record in `folder`, which `claim` has checked; no file that exists is overwritten."""
+        """Open the record in `folder`, which `require_empty_folder` has checked; no file that exists is overwritten."""
         self._made = [place for place in (folder, *folder.parents) if not place.exists()]
         self._files: list[Path] = []
         folder.mkdir(parents=True, exist_ok=True)
@@ -275,7 +275,7 @@ class LiveRecord(RecordWriter):
     schemas = SCHEMAS | LIVE_SCHEMAS
 
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
-        """Open the record in `folder`, which `claim` has checked."""
+        """Open the record in `folder`, which `require_empty_folder` has checked."""
         super().__init__(folder, resolved, epoch)
         self.broken: set[str] = set()  #: parts that can no longer be written; their earlier content stays
 
@@ -336,7 +336,7 @@ class SimulatedEgoRecord(LiveRecord):
     schemas = SCHEMAS
 
 
-def claim(folder: Path) -> None:
+def require_empty_folder(folder: Path) -> None:
     """Raise ConfigError unless a record can be opened in `folder`, which must be absent or an empty folder."""
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file, expected a folder for the record")

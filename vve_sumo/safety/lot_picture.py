@@ -103,7 +103,7 @@ def _lengthwise(site: AlignmentSite) -> align.AlignmentResult:
         x, y = path_middle - _rotation(turn) @ lot_middle
         alignment = Alignment(turn, float(x), float(y))
         results.append(align.AlignmentResult(alignment, 0.0, site.fits(alignment)))
-    return max(results, key=lambda one: (-1.0, 0.0) if one.fit is None else (one.fit.station, one.fit.clearance))
+    return max(results, key=lambda one: (-1.0, 0.0) if one.fit is None else (one.fit.last_s, one.fit.clearance))
 
 
 def _rotation(angle: float) -> Floats:

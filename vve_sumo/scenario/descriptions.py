@@ -126,11 +126,9 @@ def story_action(action: StoryAction) -> str:
     return (", ".join([*parts, *(["leaves"] if action.leaves else [])]) or "does nothing") + often
 
 
-def beside(offset: float) -> str:
-    """Return where beside the path an offset [m], left positive, is."""
-    return (
-        f"{abs(offset):g} m {'left' if offset > 0.0 else 'right'} of the path" if offset else "the middle of the path"
-    )
+def beside(d: float) -> str:
+    """Return where beside the path `d` [m], left positive, is."""
+    return f"{abs(d):g} m {'left' if d > 0.0 else 'right'} of the path" if d else "the middle of the path"
 
 
 def passes(criteria: Criteria) -> str:

@@ -34,10 +34,10 @@ TURNING_SPEED: Final = 2.0
 
 #: On the inside of a bend a line beside a path is shorter than the path, but never by more than this factor.
 MIN_LENGTH_RATIO: Final = 0.2
-ROUNDS: Final = 8  #: of Newton's method for the station of a place on a line beside a path
+ROUNDS: Final = 8  #: of Newton's method for the s of a place on a line beside a path
 NEAR_ENOUGH: Final = 1e-10  #: [m]
 
-#: A station on the ego's path is looked for from the last one only if that is no older than this [s].
+#: An s on the ego's path is looked for from the last one only if that is no older than this [s].
 STALE: Final = 0.5
 
 #: Closing speed of what is beside the ego [m/s]: no gap is there to close.
@@ -118,17 +118,17 @@ class RecordedSpeed:
 
 
 class Sidestep(NamedTuple):
-    """From one lateral offset to another with the least jerk: 10 p^3 - 15 p^4 + 6 p^5 over the part p of its time.
+    """From one lateral offset d to another with the least jerk: 10 p^3 - 15 p^4 + 6 p^5 over the part p of its time.
 
     T. Flash and N. Hogan, "The coordination of arm movements", J. Neuroscience 5 (1985).
     """
 
-    before: float  #: offset it begins at [m]
-    after: float  #: offset it ends at [m]
+    before: float  #: d it begins at [m]
+    after: float  #: d it ends at [m]
     over: float = 0.0  #: time that it takes [s]; 0 is at once
 
     def at(self, time: float) -> tuple[float, float]:
-        """Return offset [m] and its rate [m/s] at a time [s] since it began."""
+        """Return d [m] and its rate [m/s] at a time [s] since it began."""
         if not time < self.over:
             return self.after, 0.0
         p, way = time / self.over, self.after - self.before
@@ -146,53 +146,53 @@ class ActorLine(Protocol):
         """Whether the actor has come to its end."""
         ...
 
-    def move(self, distance: float, offset: float) -> None:
-        """Go a distance [m] on while being so far [m] beside it."""
+    def move(self, distance: float, d: float) -> None:
+        """Go a distance [m] on while being at `d` [m] beside it."""
         ...
 
-    def spot(self, offset: float) -> tuple[float, float, float, float]:
-        """Return x, y [m], heading [rad] of the way it goes there, and which side a growing offset is: 1 is left."""
+    def spot(self, d: float) -> tuple[float, float, float, float]:
+        """Return x, y [m], heading [rad] of the way it goes there, and which side a growing d is: 1 is left."""
         ...
 
 
 class AlongPath:
-    """Along a path, or against it, at an offset that counts from the path, left of the path positive.
+    """Along a path, or against it, at a lateral offset d that counts from the path, left of the path positive.
 
-    The distance gone is that of the actor itself: on a line at the offset o beside a path it is s - o (turn), which is
-    exact where the offset stays the same.
+    The distance gone is that of the actor itself: on a line at d beside a path it is s - d (turn), which is exact
+    where d stays the same.
     """
 
-    def __init__(self, path: ReferencePath, station: float, sense: float) -> None:
-        """`sense` is 1 along the path and -1 against it; `station` [m] the place on it."""
-        self.station, self._path, self._sense = station, path, sense
-        self._path_point = path.at(station)
+    def __init__(self, path: ReferencePath, s: float, sense: float) -> None:
+        """`sense` is 1 along the path and -1 against it; `s` [m] the place on it."""
+        self.s, self._path, self._sense = s, path, sense
+        self._path_point = path.at(s)
 
     @property
     def over(self) -> bool:
         """Whether the path ends here, in the direction that the actor goes."""
-        return self.station > self._path.length if self._sense > 0.0 else self.station < 0.0
+        return self.s > self._path.length if self._sense > 0.0 else self.s < 0.0
 
-    def move(self, distance: float, offset: float) -> None:
-        """Go a distance [m] on while being so far [m] beside the path."""
+    def move(self, distance: float, d: float) -> None:
+        """Go a distance [m] on while being at `d` [m] beside the path."""
         if distance == 0.0:
             return
         wanted, from_heading = self._sense * distance, self._path_point.heading
         low, high = sorted((0.0, wanted / MIN_LENGTH_RATIO))
-        gone, there = wanted, self._path.at(self.station + wanted)
+        gone, there = wanted, self._path.at(self.s + wanted)
         for _ in range(ROUNDS):
-            missing = wanted - gone + offset * math.remainder(there.heading - from_heading, math.tau)
+            missing = wanted - gone + d * math.remainder(there.heading - from_heading, math.tau)
             if not abs(missing) > NEAR_ENOUGH:
                 break
-            gone = clamp(gone + missing / max(1.0 - offset * there.curvature, MIN_LENGTH_RATIO), low, high)
-            there = self._path.at(self.station + gone)
-        self.station += gone
+            gone = clamp(gone + missing / max(1.0 - d * there.curvature, MIN_LENGTH_RATIO), low, high)
+            there = self._path.at(self.s + gone)
+        self.s += gone
         self._path_point = there
 
-    def spot(self, offset: float) -> tuple[float, float, float, float]:
-        """Return x, y [m], heading [rad] of the way it goes there, and which side a growing offset is: 1 is left."""
+    def spot(self, d: float) -> tuple[float, float, float, float]:
+        """Return x, y [m], heading [rad] of the way it goes there, and which side a growing d is: 1 is left."""
         x, y, heading, _ = self._path_point
         turned = heading if self._sense > 0.0 else heading + math.pi
-        return x - offset * math.sin(heading), y + offset * math.cos(heading), turned, self._sense
+        return x - d * math.sin(heading), y + d * math.cos(heading), turned, self._sense
 
 
 class Straight:
@@ -207,20 +207,20 @@ class Straight:
         """Never."""
         return False
 
-    def move(self, distance: float, offset: float) -> None:
+    def move(self, distance: float, d: float) -> None:
         """Go a distance [m] on."""
         self._gone += distance
 
-    def spot(self, offset: float) -> tuple[float, float, float, float]:
-        """Return x, y [m], heading [rad] of the way it goes there, and which side a growing offset is: 1 is left."""
-        x = self._x + self._gone * self._cos - offset * self._sin
-        return x, self._y + self._gone * self._sin + offset * self._cos, self._heading, 1.0
+    def spot(self, d: float) -> tuple[float, float, float, float]:
+        """Return x, y [m], heading [rad] of the way it goes there, and which side a growing d is: 1 is left."""
+        x = self._x + self._gone * self._cos - d * self._sin
+        return x, self._y + self._gone * self._sin + d * self._cos, self._heading, 1.0
 
 
 class EgoMotion(NamedTuple):
     """What the triggers know of the ego."""
 
-    station: float  #: of its front bumper on its path [m]
+    s: float  #: of its front bumper on its path [m]
     speed: float  #: [m/s]
     length: float  #: [m]
 
@@ -248,7 +248,7 @@ def fires(when: When, now: float, since: float, ego: EgoMotion | None, between: 
         return False
     if when.after_s is not None and not now - since >= when.after_s - TIME_TOLERANCE:
         return False
-    if when.ego_at_m is not None and not (ego is not None and ego.station >= when.ego_at_m):
+    if when.ego_at_m is not None and not (ego is not None and ego.s >= when.ego_at_m):
         return False
     if when.ego_speed_mps is not None and not (ego is not None and ego.speed >= when.ego_speed_mps):
         return False
@@ -282,12 +282,12 @@ class ActorController:
         walks = actor.fidelity == "measured" and actor.kind in ON_FOOT
         self._acceleration = WALKING_ACCELERATION if walks else math.inf
         self._line: ActorLine | None = None
-        self._offset, self._rate, self._speed = 0.0, 0.0, actor.speed_mps
+        self._d, self._rate, self._speed = 0.0, 0.0, actor.speed_mps
         self._course: ActorProgress = SpeedChange(actor.speed_mps, actor.speed_mps)
         self._side = Sidestep(0.0, 0.0)
         self._course_began = self._side_began = self._begun = self._covered = 0.0
         self._waiting: list[ActorEvent] = list(reversed(actor.events))
-        self._looked = (0.0, -math.inf)  # station on the ego's path, and when
+        self._looked = (0.0, -math.inf)  # s on the ego's path, and when
         self.gone = False  #: whether it left for good
 
     @property
@@ -322,29 +322,29 @@ class ActorController:
         self._begun = self._course_began = self._side_began = now
 
     def _entrance(self, ego: EgoMotion | None) -> ActorLine | None:
-        """The line that it would move along if it entered now; its offset and its state are those of its entry."""
+        """The line that it would move along if it entered now; its d and its state are those of its entry."""
         actor = self._actor
         if actor.at_m is not None:
-            station = actor.at_m
+            s = actor.at_m
         elif actor.ahead_m is not None and ego is not None:
             half = self._half(self._turned)
-            station = ego.station + actor.ahead_m + (half if actor.ahead_m >= 0.0 else -half)
+            s = ego.s + actor.ahead_m + (half if actor.ahead_m >= 0.0 else -half)
         else:
             return None
-        self._offset = actor.offset_m
+        self._d = actor.offset_m
         if self._along:
-            self._side = Sidestep(self._offset, self._offset)
-            return AlongPath(self._path, station, 1.0 if self._turned == 0.0 else -1.0)
-        at = self._path.at(station)
-        x, y = at.x - self._offset * math.sin(at.heading), at.y + self._offset * math.cos(at.heading)
-        self._offset = 0.0
+            self._side = Sidestep(self._d, self._d)
+            return AlongPath(self._path, s, 1.0 if self._turned == 0.0 else -1.0)
+        at = self._path.at(s)
+        x, y = at.x - self._d * math.sin(at.heading), at.y + self._d * math.cos(at.heading)
+        self._d = 0.0
         return Straight(x, y, at.heading + self._turned)
 
     def _move(self, now: float, line: ActorLine) -> None:
         covered, self._speed = self._course.at(now - self._course_began)
-        before = self._offset
-        self._offset, self._rate = self._side.at(now - self._side_began)
-        line.move(covered - self._covered, 0.5 * (before + self._offset))
+        before = self._d
+        self._d, self._rate = self._side.at(now - self._side_began)
+        line.move(covered - self._covered, 0.5 * (before + self._d))
         self._covered = covered
         self.gone = line.over
 
@@ -356,8 +356,8 @@ class ActorController:
         if event.speeds is not None:
             self._take(self._recordings[event.speeds], now)
         if event.offset_m is not None:
-            self._side, self._side_began = Sidestep(self._offset, event.offset_m, event.over_s or 0.0), now
-            self._offset, self._rate = self._side.at(0.0)
+            self._side, self._side_began = Sidestep(self._d, event.offset_m, event.over_s or 0.0), now
+            self._d, self._rate = self._side.at(0.0)
 
     def _take(self, course: ActorProgress, now: float) -> None:
         self._course, self._course_began = course, now
@@ -368,16 +368,16 @@ class ActorController:
         return fires(when, now, since, ego, between)
 
     def _between(self, now: float, ego: EgoMotion, line: ActorLine) -> RoomBetween:
-        x, y, heading, _ = line.spot(self._offset)
+        x, y, heading, _ = line.spot(self._d)
         if isinstance(line, AlongPath) and self._path is self._ego_path:
-            station, angle = line.station, self._turned
+            s, angle = line.s, self._turned
         else:
             last, when = self._looked
             foot = self._ego_path.project(x, y, last if now - when <= STALE else None)
             self._looked = (foot.s, now)
-            station, angle = foot.s, heading - foot.heading
+            s, angle = foot.s, heading - foot.heading
         half, along = self._half(angle), self._speed * math.cos(angle)
-        centre = station - ego.station
+        centre = s - ego.s
         ahead, behind = centre - half, -centre - half - ego.length
         if ahead > 0.0:
             return RoomBetween(centre, ahead, ego.speed - along)
@@ -388,7 +388,7 @@ class ActorController:
         return 0.5 * (self._length * abs(math.cos(angle)) + self._width * abs(math.sin(angle)))
 
     def _state(self, line: ActorLine) -> ActorState:
-        x, y, heading, side = line.spot(self._offset)
+        x, y, heading, side = line.spot(self._d)
         turn = math.atan2(side * self._rate, max(self._speed, TURNING_SPEED)) if self._rate != 0.0 else 0.0
         speed = self._speed * math.cos(turn) + side * self._rate * math.sin(turn)
         heading = math.remainder(heading + turn, math.tau)
@@ -410,7 +410,7 @@ class ScenarioEngine:
         """Have the actors wait; nothing moves before the first step.
 
         `path` is the ego's; `lines` and `recordings` (times [s], speeds [m/s]) are what the actors' names of paths
-        and recorded speeds mean. Stations lie on their paths, sizes and times are as the schema allows. `end` is the
+        and recorded speeds mean. Every place s lies on its path, sizes and times are as the schema allows. `end` is the
         trigger that ends the drive.
         """
         courses = {name: RecordedSpeed(*columns) for name, columns in recordings.items()}
@@ -422,7 +422,7 @@ class ScenarioEngine:
         ]
         self._path, self._vehicle = path, vehicle
         self._ids = [one.id for one in actors]
-        self._station: float | None = None
+        self._ego_s: float | None = None
         self._now = -math.inf
         self._states: tuple[ActorState, ...] = ()
 
@@ -458,5 +458,5 @@ class ScenarioEngine:
     def _ego(self, pose: Pose | None) -> EgoMotion | None:
         if pose is None or not all(map(math.isfinite, (pose.x, pose.y, pose.speed))):
             return None
-        self._station = self._path.project(pose.x, pose.y, self._station).s
-        return EgoMotion(self._station, pose.speed, self._vehicle.length)
+        self._ego_s = self._path.project(pose.x, pose.y, self._ego_s).s
+        return EgoMotion(self._ego_s, pose.speed, self._vehicle.length)

@@ -86,7 +86,7 @@ class StoryActor:
         self._width = size.width if actor.width_m is None else actor.width_m
         self._reference = actor.story.reference_m
         self._path, self._s, self._speed = path, actor.at_m, actor.speed_mps
-        self._side, self._offset, self._rate = Transition(actor.offset_m, actor.offset_m), actor.offset_m, 0.0
+        self._side, self._d, self._rate = Transition(actor.offset_m, actor.offset_m), actor.offset_m, 0.0
         self._side_by_way = False
         self._side_began = self._speed_began = 0.0  # drive time [s], or way gone [m] for a change over a way
         self._motion: Motion | Following = Change([Transition(self._speed, self._speed)])
@@ -136,16 +136,16 @@ class StoryActor:
         return self._motion.follow(missing, self._speed, max(along, 0.0), dt)
 
     def _advance(self, way: float) -> None:
-        """Go a way [m] along the line at the present offset: on the inside of a bend that is more of the path."""
-        bend = 1.0 - self._offset * self._path.at(self._s).curvature
+        """Go a way [m] along the line at the present d: on the inside of a bend that is more of the path."""
+        bend = 1.0 - self._d * self._path.at(self._s).curvature
         middle = self._path.at(self._s + 0.5 * way / max(bend, 0.2))
-        step = way / max(1.0 - self._offset * middle.curvature, 0.2)
+        step = way / max(1.0 - self._d * middle.curvature, 0.2)
         self._s = min(self._s + step, self._path.length)
         self._gone += way
 
     def _step_aside(self, now: float) -> None:
         gone = (self._gone if self._side_by_way else now) - self._side_began
-        self._offset, slope = self._side.at(gone)
+        self._d, slope = self._side.at(gone)
         self._rate = slope * self._speed if self._side_by_way else slope
         of_line = self._of_line
         if of_line is not None and gone >= self._side.over and not self._on_its_way(of_line):
@@ -170,7 +170,7 @@ class StoryActor:
         return begun
 
     def end(self, names: Sequence[str]) -> None:
-        """End those of its actions that are named: it keeps the speed and the offset that it has."""
+        """End those of its actions that are named: it keeps the speed and the d that it has."""
         for running in self.actions:
             if running.name in names and running.state == "running":
                 if running is self._of_speed:
@@ -228,7 +228,7 @@ class StoryActor:
                 self._of_speed = None
 
     def _keep_aside(self) -> None:
-        self._side, self._side_by_way, self._rate = Transition(self._offset, self._offset), False, 0.0
+        self._side, self._side_by_way, self._rate = Transition(self._d, self._d), False, 0.0
         self._side_began, self._of_line = self._now, None
 
     def _take_line(self, change: LineChange, running: RunningAction) -> None:
@@ -236,7 +236,7 @@ class StoryActor:
             self._of_line.done("line")
         if change.path is not None:
             self._go_over(change)
-        before, target = self._offset, change.offset_m
+        before, target = self._d, change.offset_m
         over = change.over_s or change.over_m or 0.0
         if change.rate_mps is not None:
             over = length(change.shape, target - before, change.rate_mps)
@@ -253,17 +253,17 @@ class StoryActor:
         if change.from_here:
             path = _moved_to(path, x, y, heading)
         foot = path.project(x, y)
-        self._path, self._s, self._offset = path, min(max(foot.s, 0.0), path.length), foot.offset
+        self._path, self._s, self._d = path, min(max(foot.s, 0.0), path.length), foot.d
         if change.at_m is not None:
             self._s = min(change.at_m, path.length)
         elif change.from_here:
-            self._s, self._offset = 0.0, 0.0
+            self._s, self._d = 0.0, 0.0
 
     def _spot(self) -> tuple[float, float, float]:
         """Reference point x, y [m] and heading of the line there [rad]."""
         point = self._path.at(self._s)
         sin, cos = math.sin(point.heading), math.cos(point.heading)
-        return point.x - self._offset * sin, point.y + self._offset * cos, point.heading
+        return point.x - self._d * sin, point.y + self._d * cos, point.heading
 
     def body(self) -> Body:
         """Return what conditions know of it."""

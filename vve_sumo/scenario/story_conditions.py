@@ -170,9 +170,9 @@ def _in_state(condition: StoryCondition, states: Mapping[str, str]) -> bool:
     return began and (condition.state == "began" or not all(state == "ended" for state in of))
 
 
-def _place(at: float, offset: float, path: ReferencePath) -> Body:
-    point = path.at(at)
-    x, y = point.x - offset * math.sin(point.heading), point.y + offset * math.cos(point.heading)
+def _place(s: float, d: float, path: ReferencePath) -> Body:
+    point = path.at(s)
+    x, y = point.x - d * math.sin(point.heading), point.y + d * math.cos(point.heading)
     return Body(x, y, point.heading, 0.0, Box(x, y, point.heading, 0.0, 0.0))
 
 
@@ -210,7 +210,7 @@ def distance_between(along: str, freespace: bool, body: Body, other: Body, path:
     lateral = along.endswith("lateral")
     if along.startswith("path"):
         first, second = (path.project(one.x, one.y) for one in (body, other))
-        signed = second.offset - first.offset if lateral else second.s - first.s
+        signed = second.d - first.d if lateral else second.s - first.s
         axes = first.heading, second.heading
     else:
         dx, dy = other.x - body.x, other.y - body.y

@@ -309,7 +309,7 @@ def _in_sight(blocks: Blocks, mask: Mask) -> dict[int, tuple[int, float]]:
     for actor, own in parts.items():
         rows, pixels = np.zeros(mask.block.shape[0], bool), 0
         for block in own:
-            seen = mask.seen(block)
+            seen = mask.visible_pixels(block)
             rows[mask.drawn[block].rows] |= np.logical_or.reduce(seen, axis=1)
             pixels += int(np.count_nonzero(seen))
         if pixels:

@@ -65,7 +65,7 @@ class Mask(NamedTuple):
     drawn: dict[int, Drawn]  #: by the block's row, of each that is in the picture
     alone: dict[int, int]  #: pixels that all blocks of an actor would fill together if it were alone, by its row
 
-    def seen(self, block: int) -> NDArray[np.bool_]:
+    def visible_pixels(self, block: int) -> NDArray[np.bool_]:
         """Return which pixels of a block's own window show it."""
         drawn = self.drawn[block]
         seen: NDArray[np.bool_] = self.block[drawn.rows, drawn.columns] == block

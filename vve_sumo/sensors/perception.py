@@ -55,7 +55,7 @@ class Surroundings:
         self._rows = finite_rows(actors)
         self._obstacles = Obstacles(_with_ego(actors, pose, vehicle), walls)
 
-    def seen(self, sector: Sector, own: int) -> list[int]:
+    def visible_rows(self, sector: Sector, own: int) -> list[int]:
         """Return the rows of the actors that the one in row `own` sees, the nearest first."""
         actors, eye = self.actors, eye_of(self.actors, own)
         heading = float(actors.heading[own])
@@ -85,7 +85,7 @@ class Perceiver:
 
     def due(self, now: int, around: Surroundings, own: int) -> tuple[tuple[PerceivedBody, ...], int]:
         """Return the bodies that a message at a time [us] tells of, and how many are seen at all; often none."""
-        actors, seen = around.actors, around.seen(self.sector, own)
+        actors, seen = around.actors, around.visible_rows(self.sector, own)
         rows = seen[:MAX_OBJECTS]
         names = {actors.ids[row]: row for row in rows}
         self._numbers = {name: self._number(name) for name in names}

@@ -124,10 +124,12 @@ def unevaded(row: SuiteRow, measured: RowMeasurement) -> list[str]:
 
 def amplified(row: SuiteRow, measured: RowMeasurement) -> str:
     """Return by how much a platoon amplifies more than it may; empty where it does not."""
-    if row.string is None or (measured.head_to_tail is not None and measured.head_to_tail <= row.string.most):
+    if row.string is None or (
+        measured.head_to_tail is not None and measured.head_to_tail <= row.string.max_amplification
+    ):
         return ""
     got = "never settled" if measured.head_to_tail is None else f"{measured.head_to_tail:.3f}"
-    return f"head to tail: {got}, expected {row.string.most:g} or less"
+    return f"head to tail: {got}, expected {row.string.max_amplification:g} or less"
 
 
 def invalidity(row: SuiteRow, approach: tuple[float, float] | None, ttc: float | None) -> str:

@@ -47,7 +47,7 @@ class RequiredString(NamedTuple):
     chain: tuple[str, ...]  #: ids of the egos, from the first behind it to the last
     speed: float  #: of the undisturbed platoon [m/s]
     begin: float  #: drive time at which the disturbance begins [s]
-    most: float  #: amplification from head to tail, by root of the sum of squares, at most
+    max_amplification: float  #: from head to tail, by root of the sum of squares
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +115,11 @@ class JudgedRow:
         verdicts = {drive.verdict for drive in self.drives}
         return next((verdict for verdict in DECIDING if verdict in verdicts), RowVerdict.NOT_APPLICABLE)
 
-    def least(self, column: str) -> float | None:
+    def minimum(self, column: str) -> float | None:
         """Return the least value that a drive has in a column; None where none has one."""
         return min(self._values(column), default=None)
 
-    def greatest(self, column: str) -> float | None:
+    def maximum(self, column: str) -> float | None:
         """Return the greatest value that a drive has in a column; None where none has one."""
         return max(self._values(column), default=None)
 

@@ -28,16 +28,16 @@ def record_of(judged: JudgedRow) -> dict[str, Any]:
         "why": judged.why,
         "driven": len(judged.drives),
         "passed": judged.passed,
-        "impact_kmh": _scaled(judged.greatest("impact_speed_mps")),
-        "least_gap_m": _rounded(judged.least("min_gap_m")),
-        "max_deceleration_mps2": _rounded(judged.greatest("max_deceleration_mps2")),
-        "least_demand_mps2": _rounded(judged.least("demand_mps2")),
-        "approach_least_kmh": _scaled(judged.least("approach_least_mps")),
-        "approach_greatest_kmh": _scaled(judged.greatest("approach_greatest_mps")),
-        "cut_in_ttc_s": _rounded(judged.least("cut_in_ttc_s")),
-        "clearance_m": _rounded(judged.least("clearance_m")),
-        "off_path_m": _rounded(judged.greatest("off_path_m")),
-        "head_to_tail_l2": _rounded(judged.greatest("head_to_tail_l2")),
+        "impact_kmh": _scaled(judged.maximum("impact_speed_mps")),
+        "least_gap_m": _rounded(judged.minimum("min_gap_m")),
+        "max_deceleration_mps2": _rounded(judged.maximum("max_deceleration_mps2")),
+        "least_demand_mps2": _rounded(judged.minimum("demand_mps2")),
+        "approach_least_kmh": _scaled(judged.minimum("approach_least_mps")),
+        "approach_greatest_kmh": _scaled(judged.maximum("approach_greatest_mps")),
+        "cut_in_ttc_s": _rounded(judged.minimum("cut_in_ttc_s")),
+        "clearance_m": _rounded(judged.minimum("clearance_m")),
+        "off_path_m": _rounded(judged.maximum("off_path_m")),
+        "head_to_tail_l2": _rounded(judged.maximum("head_to_tail_l2")),
         "needed_m": None if need is None else _rounded(need.needed),
         "there_m": None if need is None else _rounded(need.available),
         "avoidable": None if need is None else need.avoidable,
@@ -56,9 +56,9 @@ def _rounded(value: float | None) -> float | None:
 def cells(judged: JudgedRow) -> tuple[str, ...]:
     """Return a row's cells, in the order of HEADINGS."""
     row, need = judged.row, judged.row.need
-    impact = judged.greatest("impact_speed_mps")
-    braked, demand = judged.greatest("max_deceleration_mps2"), judged.least("demand_mps2")
-    numbers = (None if impact is None else IN_KMH * impact, judged.least("min_gap_m"), braked, demand)
+    impact = judged.maximum("impact_speed_mps")
+    braked, demand = judged.maximum("max_deceleration_mps2"), judged.minimum("demand_mps2")
+    numbers = (None if impact is None else IN_KMH * impact, judged.minimum("min_gap_m"), braked, demand)
     way = ("", "") if need is None else (_length(need.needed, need.unit), _length(need.available, need.unit))
     share = f"{judged.passed}/{len(judged.drives)}" if judged.drives else ""
     return (row.description, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)

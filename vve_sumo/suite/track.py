@@ -21,7 +21,7 @@ WIDTH = 1.8  #: of the cars that stand beside the path [m]
 SPEEDING_UP = 1.5  #: of the shipped controller [m/s2]
 SETTLING = 4.0  #: time of steady driving between the run-up and the entry of a target, margin included [s]
 ROLLING = 2.0  #: time between a rolling start and the entry of a target [s]
-FOREMOST = 6.0  #: station s of the front bumper at the start, rounded up [m]
+FOREMOST = 6.0  #: s of the front bumper at the start, rounded up [m]
 #: time at rest after which a row ends [s]
 AT_REST = 0.3
 
@@ -31,7 +31,7 @@ def loads(car: VehicleModel) -> dict[str, float]:
     return {"laden": car.laden_factor, "unladen": 1.0}
 
 
-def entry_station(speed: float) -> float:
+def entry_s(speed: float) -> float:
     """Where the front bumper is when the car has been steady at `speed` [m/s] for two seconds or more [m]."""
     return speed * speed / (2.0 * SPEEDING_UP) + SETTLING * speed + FOREMOST
 
@@ -49,7 +49,7 @@ def scenario(title: str, speed: float, *, lasts: float, rolling: bool = False, *
         "car": tables.pop("car", {}),
     } | tables.pop("ego", {})
     if rolling:
-        start = entry_station(speed) - FOREMOST - ROLLING * speed
+        start = entry_s(speed) - FOREMOST - ROLLING * speed
         ego |= {"initial_speed_mps": speed, "initial_s_m": start}
     table: dict[str, Any] = {
         "title": title,
@@ -63,7 +63,7 @@ def scenario(title: str, speed: float, *, lasts: float, rolling: bool = False, *
 
 def target(speed: float, ahead: float, **keys: Any) -> dict[str, Any]:
     """Return an actor that enters `ahead` [m] of the car once the car is steady at `speed` [m/s]."""
-    return {"id": TARGET, "ahead_m": ahead, "enters": {"ego_at_m": entry_station(speed)}} | keys
+    return {"id": TARGET, "ahead_m": ahead, "enters": {"ego_at_m": entry_s(speed)}} | keys
 
 
 def gate(speed: float, ahead: float, gap: float) -> list[dict[str, Any]]:
@@ -75,10 +75,10 @@ def gate(speed: float, ahead: float, gap: float) -> list[dict[str, Any]]:
 
 def end_when_passed(speed: float, ahead: float) -> dict[str, Any]:
     """Return the trigger that ends a row early: a contact, or the car past the target's position at entry."""
-    return {"contact": True, "ego_at_m": entry_station(speed) + ahead + 20.0}
+    return {"contact": True, "ego_at_m": entry_s(speed) + ahead + 20.0}
 
 
-def impact_at_most(limit: float) -> dict[str, Any]:
+def max_impact(limit: float) -> dict[str, Any]:
     """Return the criteria of a row that allows an impact speed [m/s]; 0 allows no contact."""
     return {"impact_speed_mps": {"max": limit}, "collision": None if limit > 0.0 else False}
 

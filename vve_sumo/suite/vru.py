@@ -18,7 +18,7 @@ from vve_sumo.suite.evasion import TIMES, Body, Room, greatest_clearance
 from vve_sumo.suite.fmvss127_pedestrian import crossing, on_the_way
 from vve_sumo.suite.physics import Need
 from vve_sumo.suite.row import RequiredApproach, RequiredEvasion, SuiteRow
-from vve_sumo.suite.track import KMH, TARGET, entry_station, impact_at_most, scenario, target
+from vve_sumo.suite.track import KMH, TARGET, entry_s, max_impact, scenario, target
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -151,12 +151,12 @@ def _row(car: Vehicle, name: str, case: Case, means: str, kmh: float) -> SuiteRo
         why = "who goes ahead is no slower than the car"
         return SuiteRow(id, description, "no contact", None, not_applicable=why)
     speed = kmh * KMH
-    left = most_clearance(car, case, means, FASTER * speed)
+    left = max_clearance(car, case, means, FASTER * speed)
     clearance = CLEARANCE if left >= CLEARANCE else 0.0
     meets = START * speed
     if case.pace:
         meets += (car.length + LOST * case.pace * KMH) / (1.0 - case.pace / kmh)
-    end = {"contact": True, "ego_at_m": entry_station(speed) + meets + ROAD_AFTER + TIME_AFTER * speed}
+    end = {"contact": True, "ego_at_m": entry_s(speed) + meets + ROAD_AFTER + TIME_AFTER * speed}
     sensors = [{"name": "roof", "kind": "lidar"}] if MEANS[means].steers else []
     return SuiteRow(
         id=id,
@@ -172,7 +172,7 @@ def _row(car: Vehicle, name: str, case: Case, means: str, kmh: float) -> SuiteRo
             controller=MEANS[means].controller,
             sensors=sensors,
             actors=case.scene(car, speed).actors,
-            criteria=impact_at_most(0.0),
+            criteria=max_impact(0.0),
             end_trigger=end,
         ),
         # The car may slow down before its target; the row only needs that it does not come faster.
@@ -182,7 +182,7 @@ def _row(car: Vehicle, name: str, case: Case, means: str, kmh: float) -> SuiteRo
     )
 
 
-def most_clearance(car: Vehicle, case: Case, means: str, speed: float) -> float:
+def max_clearance(car: Vehicle, case: Case, means: str, speed: float) -> float:
     """Return the greatest clearance [m] that physics leaves in a case at a speed [m/s]; 0 where contact is certain."""
     actors, begins = case.scene(car, speed)
     bodies = [body(Actor.model_validate(actor), begins, speed) for actor in actors]

@@ -27,7 +27,7 @@ from vve_sumo.sweep.controllers import NAME, columns
 from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.preflight import RunPreview, preview
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
-from vve_sumo.sweep.search import least_runs
+from vve_sumo.sweep.search import min_runs
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, fit, parse_spec, with_numbers
 
 #: number of runs from which on a sweep needs a confirmation
@@ -103,7 +103,7 @@ def planned(
     fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in (*Criteria.model_fields, *criteria)})
     _refuse_varied_metrics(spec, table, file)
     cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), settings)
-    count = least_runs(cells)
+    count = min_runs(cells)
     if count >= MAX_RUNS and not yes:
         raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
     plan = SweepPlan(

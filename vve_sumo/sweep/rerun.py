@@ -14,7 +14,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.sweep_folder import Row, SweepPlan, read_tables
-from vve_sumo.record.writer import claim
+from vve_sumo.record.writer import require_empty_folder
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import run_one
@@ -84,7 +84,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
         plan = replace(plan, working=str(Path.cwd()))
     record = (out or folder / "records" / key).absolute()
     try:
-        claim(record)
+        require_empty_folder(record)
     except ConfigError as error:
         raise ConfigError(f"{error}; name another with --out DIR") from None
     run = RunSpec(

@@ -22,7 +22,7 @@ from vve_sumo.drive.shared_prefix import Fork, Variants
 from vve_sumo.drive.summary import invalidating_events, judged
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.record.writer import claim as claim_folder
+from vve_sumo.record.writer import require_empty_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, RIG, Job, MetricValue, RunResult, finite, refused
@@ -55,7 +55,7 @@ def run_job(
     """
     try:
         resolved = resolve_job(job, cache)
-        claim(job)
+        require_record_folder(job)
         folder, keep_record = growing(job, scratch), job.keep is not None
         watch = progress_callback(resolved.path.length, report)
 
@@ -92,7 +92,7 @@ def run_jobs(
     """
     variants, shared = Variants([resolve_job(job, cache) for job in jobs], fork), 0.0
 
-    def watch(_tick: int, now: float, _speed: float, _station: float) -> None:
+    def watch(_tick: int, now: float, _speed: float, _s: float) -> None:
         nonlocal shared
         if len(variants.together) > 1:
             shared = now
@@ -168,10 +168,10 @@ def growing(job: Job, scratch: Path) -> Path:
     return scratch / "record" if job.keep is None else job.keep.with_name(f"{job.keep.name}.part")
 
 
-def claim(job: Job) -> None:
+def require_record_folder(job: Job) -> None:
     """Raise ConfigError where the record's folder holds other files."""
     if job.keep is not None and job.keep.exists() and not (job.keep / "scenario.json").is_file():
-        claim_folder(job.keep)
+        require_empty_folder(job.keep)
 
 
 def tidy(job: Job, scratch: Path, *, keep: bool) -> None:

@@ -41,7 +41,7 @@ class RunRequest(NamedTuple):
 Strategy = Generator[RunRequest, list[Row], SearchResult]
 
 
-def least_runs(cells: RunSpecs) -> int:
+def min_runs(cells: RunSpecs) -> int:
     """Return the number of runs of a sweep, or the least number of a search for boundaries."""
     search = cells.spec.search
     if not isinstance(search, Boundary):

@@ -107,7 +107,7 @@ def effective_deceleration(
 def _of_the_wire(facts: InterfaceFacts, by_torque: Callable[[float], float], by_gain: str) -> Bound:
     """Return what the wire can ask for; an acceleration is the car's own matter, whatever it weighs."""
     if facts.acceleration_limits is not None:
-        least = facts.acceleration_limits.least
+        least = facts.acceleration_limits.minimum
         return Bound("wire", -least, f"{facts.title} takes {least:g} m/s2")
     torque = facts.brake_torque_limit
     return Bound("wire", by_torque(torque), f"{facts.title} takes {torque:g} N m{by_gain}")

@@ -207,7 +207,7 @@ class _Source:
         word = self._word(signal)
         if signal.length == 8 * word.size:
             return word.name
-        shift, least = signal.shift - 8 * word.start, signal.least
+        shift, least = signal.shift - 8 * word.start, signal.min_count
         text = f"({word.name}{f' >> {shift}' if shift else ''} & {signal.mask})"
         return f"(({text} ^ {-least}) + {least})" if signal.signed else text
 

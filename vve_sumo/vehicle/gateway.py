@@ -355,7 +355,7 @@ class Gateway:
             pedals = Pedals(torque, throttle, asked)
         self._last_pedals = pedals
         if self._wire.acceleration_limits is not None:
-            asked = clamp(asked, self._motion.hardest, self._wire.acceleration_limits.greatest)
+            asked = clamp(asked, self._motion.hardest, self._wire.acceleration_limits.maximum)
         enable = self._arming.state in COMMANDING and not self._shadow
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)

@@ -216,8 +216,8 @@ class CommandsStop:
 class AccelerationLimits(NamedTuple):
     """Least and greatest acceleration that a wire takes."""
 
-    least: float  #: hardest braking, a negative number [m/s2]
-    greatest: float  #: [m/s2]
+    minimum: float  #: hardest braking, a negative number [m/s2]
+    maximum: float  #: [m/s2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +245,7 @@ class InterfaceFacts:
         """
         if self.acceleration_limits is None:
             return self.brake_torque_limit
-        return -self.acceleration_limits.least * brake_gain
+        return -self.acceleration_limits.minimum * brake_gain
 
 
 @runtime_checkable

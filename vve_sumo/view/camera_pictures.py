@@ -118,7 +118,7 @@ class Plane:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SceneAppearance:
     """The light and the weather of the street, and whether what no map has is made up beside it."""
 
     time: str = "day"  #: one of TIMES_OF_DAY
@@ -159,23 +159,25 @@ def plane_of(camera: DeclaredCamera) -> Plane:
 class CameraPictures:
     """Draws what a camera on the car sees at any drive time of a record; a context manager that ends its browser."""
 
-    def __init__(self, run: Run, camera: DeclaredCamera, look: Look) -> None:
+    def __init__(self, run: Run, camera: DeclaredCamera, appearance: SceneAppearance) -> None:
         """Open the record in a browser of its own.
 
         Raises BrowserError where there is no browser or it fails, and ValueError for a camera that cannot be drawn.
         """
         frames = Frames(run)
         scene = with_network(frames.scene, run.resolved, Path.cwd()) | {"keep_clear": places_of_others(frames)}
-        self._open(scene, frames.packed(), camera, look)
+        self._open(scene, frames.packed(), camera, appearance)
 
     @classmethod
-    def of_scene(cls, scene: dict[str, Any], camera: DeclaredCamera, look: Look) -> Self:
+    def of_scene(cls, scene: dict[str, Any], camera: DeclaredCamera, appearance: SceneAppearance) -> Self:
         """Return the pictures of a scene without a drive, as `view.scene` describes one: for `drawn` alone."""
         made = cls.__new__(cls)
-        made._open(scene, None, camera, look)
+        made._open(scene, None, camera, appearance)
         return made
 
-    def _open(self, scene: dict[str, Any], packed: bytes | None, camera: DeclaredCamera, look: Look) -> None:
+    def _open(
+        self, scene: dict[str, Any], packed: bytes | None, camera: DeclaredCamera, appearance: SceneAppearance
+    ) -> None:
         plane = plane_of(camera)
         self.camera = camera
         described = {
@@ -189,7 +191,7 @@ class CameraPictures:
             },
             "map": base64.b64encode(np.ascontiguousarray(plane.lookup, "<f4").tobytes()).decode(),
         }
-        looks = {"time": look.time, "rain": look.rain, "dressed": look.dressed}
+        looks = {"time": appearance.time, "rain": appearance.rain, "dressed": appearance.dressed}
         frames = None if packed is None else base64.b64encode(packed).decode()
         arguments = json.dumps([scene, frames, described, looks], allow_nan=False)
         self._browser = Browser(camera.model.columns, camera.model.rows)

@@ -18,13 +18,13 @@ from vve_sumo.vehicle import link
 from vve_sumo.view.frames import Column, Frames, pack
 from vve_sumo.view.lot_view import LotView
 from vve_sumo.view.scene import VERSION, rig_of
-from vve_sumo.view.sight import Look, Why
+from vve_sumo.view.sight import FieldOfViewCheck, MissReason
 
 #: ticks from one footprint to the next; the page shows each for at most FOOTPRINT_LIFE ticks
 FOOTPRINT_STEP: Final = 10
 
 #: the reasons, as the file numbers them
-WHY: Final = [why.value for why in Why]
+WHY: Final = [why.value for why in MissReason]
 
 
 class _Unseen(NamedTuple):
@@ -54,7 +54,7 @@ def _unseen(run: Run, table: SensedTable, looks: dict[int, Actors]) -> _Unseen:
     view = table.drawing.view
     if view is None or table.actors is None:
         return _Unseen([0] * (len(table.at) + 1), [], [])
-    look, pose, detected = Look(view), pose_at(run, table.measured), table.seen()
+    look, pose, detected = FieldOfViewCheck(view), pose_at(run, table.measured), table.actors_of_readings()
     codes = {name: code for code, name in enumerate(run.data.actor_rows.names)}
     found = _Unseen([0], [], [])
     measured_at = np.clip(np.searchsorted(run.time, table.measured - 0.5 * run.period), 0, len(run.time) - 1)
@@ -62,7 +62,7 @@ def _unseen(run: Run, table: SensedTable, looks: dict[int, Actors]) -> _Unseen:
         x, y, heading = pose[:, reading].tolist()
         actors = looks.get(at)
         if actors is not None and np.isfinite(x + y + heading):
-            missing = look.unseen((x, y, heading), actors, detected[reading])
+            missing = look.undetected((x, y, heading), actors, detected[reading])
             found.code.extend(codes[name] for name in missing)
             found.why.extend(why.value for why in missing.values())
         found.first.append(len(found.code))

@@ -22,7 +22,7 @@ from vve_sumo.values import Actors, CommandedPath, Floats, GatewayStatus, Pose
 from vve_sumo.view.lot_view import LotView
 from vve_sumo.view.sample import PersonMark, ReadingView, ViewSample
 from vve_sumo.view.scene import body, finite, rig_of
-from vve_sumo.view.sight import Look
+from vve_sumo.view.sight import FieldOfViewCheck
 from vve_sumo.view.words import detection_in_words, presence_in_words
 
 #: samples that are kept to find what a reading looked at: the radar's latency is at most a second
@@ -189,7 +189,7 @@ class _Sensor:
 
     def __init__(self, name: str, drawing: Drawing, columns: Sequence[str]) -> None:
         self._name, self._drawing, self._columns = name, drawing, columns
-        self._look = None if drawing.view is None or drawing.actor is None else Look(drawing.view)
+        self._look = None if drawing.view is None or drawing.actor is None else FieldOfViewCheck(drawing.view)
         self._known: set[str] = set()
         self._met: list[str] = []
         self.shown: dict[str, Any] = _NO_READING
@@ -202,7 +202,7 @@ class _Sensor:
         shapes = placed(drawing, numbers, pose.x, pose.y, pose.heading)._asdict()
         far = ranges(drawing, numbers)
         seen = [""] * len(far) if drawing.actor is None else [str(name) for name in table[drawing.actor]]
-        missing = self._look.unseen((pose.x, pose.y, pose.heading), actors, frozenset(seen)) if self._look else {}
+        missing = self._look.undetected((pose.x, pose.y, pose.heading), actors, frozenset(seen)) if self._look else {}
         if drawing.shape == "points":
             del shapes["origin_x"], shapes["origin_y"]
         self.shown = {name: _rounded(values) for name, values in shapes.items() if values is not None} | {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from typing import Final, NamedTuple
 
-from vve_sumo.view.camera_pictures import CameraPictures, Look
+from vve_sumo.view.camera_pictures import CameraPictures, SceneAppearance
 from vve_sumo.view.declared_camera import DeclaredCamera
 from vve_sumo.view.live_page import LivePage
 from vve_sumo.view.picture_stream import PictureStream
@@ -30,12 +30,12 @@ class Drawn(NamedTuple):
         return self.pictures / self.seconds if self.seconds > 0.0 else 0.0
 
 
-def opened(page: LivePage, camera: DeclaredCamera, look: Look) -> CameraPictures:
+def opened(page: LivePage, camera: DeclaredCamera, appearance: SceneAppearance) -> CameraPictures:
     """Return the pictures of a live drive's street; raises BrowserError and ValueError as `CameraPictures` does.
 
     Nobody knows yet where somebody will stand or walk, so no car is parked for decoration.
     """
-    return CameraPictures.of_scene(page.scene | {"nothing_parked": True}, camera, look)
+    return CameraPictures.of_scene(page.scene | {"nothing_parked": True}, camera, appearance)
 
 
 def draw(page: LivePage, pictures: CameraPictures, stream: PictureStream, rate: float) -> Drawn:

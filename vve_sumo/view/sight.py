@@ -22,14 +22,14 @@ from vve_sumo.values import Actors
 _COLUMNS: Final = tuple(field.name for field in fields(Actors) if field.name not in ("time", "ids"))
 
 
-class Why(enum.StrEnum):
+class MissReason(enum.StrEnum):
     """Why an actor inside the field of view is in no row of a reading."""
 
     OCCLUDED = "occluded"  #: other actors hide it, wholly
     MISSED = "missed"  #: it was in sight, and the reading has no row of it
 
 
-class Look:
+class FieldOfViewCheck:
     """A field of view, and what is inside from a place."""
 
     def __init__(self, view: FieldOfView) -> None:
@@ -37,7 +37,9 @@ class Look:
         self._sectors = [Sector(sector.range_m, math.tan(sector.half_angle_rad)) for sector in view.sectors]
         self._farthest = max(sector.range_max for sector in self._sectors)
 
-    def unseen(self, pose: tuple[float, float, float], actors: Actors, detected: Collection[str]) -> dict[str, Why]:
+    def undetected(
+        self, pose: tuple[float, float, float], actors: Actors, detected: Collection[str]
+    ) -> dict[str, MissReason]:
         """Return the actors inside the field of view that a reading did not detect, each with the reason.
 
         `pose` is x, y [m] and heading [rad] of the rear axle in the map. An actor is inside where it would be in sight
@@ -45,11 +47,11 @@ class Look:
         """
         origin = self._origin(*pose)
         visible = {actors.ids[echo.row] for echo in echoes(origin, actors, self._sectors)[0]}
-        found = {name: Why.MISSED for name in actors.ids if name in visible and name not in detected}
+        found = {name: MissReason.MISSED for name in actors.ids if name in visible and name not in detected}
         for row in self._near(origin, actors):
             name = actors.ids[row]
             if name not in visible and name not in detected and echoes(origin, _alone(actors, row), self._sectors)[0]:
-                found[name] = Why.OCCLUDED
+                found[name] = MissReason.OCCLUDED
         return found
 
     def _origin(self, x: float, y: float, heading: float) -> Antenna:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.view.camera_pictures import DEPTH_UNIT, PIXEL_KINDS, Look, Truth
+from vve_sumo.view.camera_pictures import DEPTH_UNIT, PIXEL_KINDS, SceneAppearance, Truth
 from vve_sumo.view.declared_camera import DeclaredCamera
 
 #: of a picture and its truth: folder and ending
@@ -31,15 +31,15 @@ VERSION: Final = 1
 class TruthFolder:
     """A folder that is being written; it is made with the first picture."""
 
-    def __init__(self, folder: Path, camera: DeclaredCamera, look: Look) -> None:
+    def __init__(self, folder: Path, camera: DeclaredCamera, appearance: SceneAppearance) -> None:
         """Take an absent or empty folder."""
         self._folder, self._count = folder, 0
         self._described = {
             "version": VERSION,
             "camera": camera.to_dict(),
-            "time_of_day": look.time,
-            "rain": look.rain,
-            "made_up_beside_the_road": look.dressed,
+            "time_of_day": appearance.time,
+            "rain": appearance.rain,
+            "made_up_beside_the_road": appearance.dressed,
             "pixel_kinds": list(PIXEL_KINDS),
             "depth_unit_m": DEPTH_UNIT,
         }

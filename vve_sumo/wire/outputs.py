@@ -36,7 +36,7 @@ HOST_LIFETIME: Final = 0.1
 MAX_RAYS: Final = 100_000
 
 #: returns the frames that others have sent on a bus since the last call, in order
-Hear = Callable[[], Sequence[Frame]]
+ReceiveFrames = Callable[[], Sequence[Frame]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Context:
     projection: str  #: PROJ string of the virtual road's map
     map_offset: tuple[float, float] = (0.0, 0.0)  #: what the map's coordinates have beyond the projected ones [m]
     rate_nmea: float = 10.0  #: [Hz]
-    hear: Hear | None = None  #: what others say on the wire's own bus; None where nobody is listened to
+    receive: ReceiveFrames | None = None  #: what others say on the wire's own bus; None where nobody is listened to
     stop_id: int | None = None  #: identifier of the stop frame
     intersections: tuple[Intersection, ...] = ()  #: of the virtual road, those with a signal
     key: bytes = b""  #: that signs this project's own datagrams; empty: they are not signed
@@ -138,7 +138,7 @@ class EsrOutput:
     """
 
     def __init__(self, context: Context) -> None:
-        self._hear, self._host = context.hear, esr.Host(HOST_LIFETIME)
+        self._receive, self._host = context.receive, esr.Host(HOST_LIFETIME)
         self._due = _Due(esr.PERIOD)
         self._objects = _Objects(esr.TRACKS)
         self._scan_time, self._scan_index = -math.inf, -1
@@ -146,8 +146,8 @@ class EsrOutput:
     def step(self, sample: Sample) -> Sequence[Frame]:
         """Return the frames of a cycle where one is due; an invalid cycle counts its scan index up, too."""
         measured = _with_scan(sample)
-        if self._hear is not None:
-            self._host.take(sample.drive_time, self._hear())
+        if self._receive is not None:
+            self._host.take(sample.drive_time, self._receive())
         if not self._due.due(sample):
             return ()
         if measured is None:
@@ -156,7 +156,7 @@ class EsrOutput:
         stamp = sample.time - measured.scan_age
         host = esr.HostMotion(measured.pose.speed, measured.pose.yaw_rate)
         radiating, host_known = True, True
-        if self._hear is not None:
+        if self._receive is not None:
             motion, radiating = self._host.motion(sample.drive_time), self._host.radiates(sample.drive_time)
             host_known, host = motion is not None, motion or esr.HostMotion(0.0, 0.0)
         if not (host_known and radiating):
@@ -488,9 +488,9 @@ class Kind:
 
     make: Callable[[Context], Output]
     meaning: str
-    tells_actors: bool = False  #: whether it needs the actors of a sample
-    tells_own: bool = False  #: whether it needs where the ego is also while the outputs are invalid
-    tells_signals: bool = False  #: whether it needs what the signals show, and where their lanes are
+    needs_actors: bool = False  #: whether it needs the actors of a sample
+    needs_ego: bool = False  #: whether it needs where the ego is also while the outputs are invalid
+    needs_signals: bool = False  #: whether it needs what the signals show, and where their lanes are
     contents: tuple[Content, ...] = ()  #: what it carries of a sensor that serves one of these; empty: of no sensor
     signed: bool = False  #: whether its datagrams are this project's own, which a key signs
     #: what of a sensor's settings the wire cannot carry, in one phrase; empty for nothing
@@ -523,7 +523,7 @@ KINDS: Final[Mapping[str, Kind]] = {
     "denm": Kind(
         DenmOutput,
         "the ego's own DENMs in GeoNetworking packets: of hard braking, and of standing after a stop or a fault",
-        tells_own=True,
+        needs_ego=True,
     ),
     "cpm": Kind(
         CpmOutput, "what a camera sees as the ego's CPMs in GeoNetworking packets, up to 10 Hz", contents=("objects",)
@@ -531,12 +531,12 @@ KINDS: Final[Mapping[str, Kind]] = {
     "signals": Kind(
         SignalsOutput,
         "the signals near the ego as SPATEMs and MAPEMs in GeoNetworking packets, 10 Hz and 1 Hz",
-        tells_signals=True,
+        needs_signals=True,
     ),
     "scene": Kind(
         SceneOutput,
         "bodies, state and reasons of every tick as this project's own datagram, for the ROS 2 bridge",
-        tells_actors=True,
+        needs_actors=True,
         signed=True,
     ),
     "sense": Kind(
@@ -550,7 +550,7 @@ KINDS: Final[Mapping[str, Kind]] = {
     "osi_view": Kind(
         lambda c: OsiOutput(c, view=True),
         "ASAM OSI SensorView with ground truth, one a tick",
-        tells_actors=True,
+        needs_actors=True,
     ),
     "osi_data": Kind(
         lambda c: OsiOutput(c, view=False),

@@ -59,7 +59,7 @@ class SampleContent:
     )  #: the newest of each camera, where a wire carries it
     objects: CameraObjects | None = None  #: of the camera that a wire is of
     #: what each V2X receiver knows of others, where a wire carries it
-    heard: Mapping[str, Stations] = field(default_factory=dict)
+    stations_by_receiver: Mapping[str, Stations] = field(default_factory=dict)
     stations: Stations | None = None  #: of the receiver that a wire is of
     #: what each sense of signals knows of stop lines, where a wire carries it
     lines: Mapping[str, StopLines] = field(default_factory=dict)
@@ -111,7 +111,7 @@ class Sample:
             scan_age=age,
             turn=self.measured.turns.get(sensor),
             objects=self.measured.lists.get(sensor),
-            stations=self.measured.heard.get(sensor),
+            stations=self.measured.stations_by_receiver.get(sensor),
             stop_lines=self.measured.lines.get(sensor),
         )
         return replace(self, measured=seen)

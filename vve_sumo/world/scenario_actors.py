@@ -60,7 +60,7 @@ class ScenarioActors:
             self._shadows[actor.id].show(actor)
         self.ids = frozenset().union(*(shadow.ids for shadow in self._shadows.values()))
 
-    def seen(self) -> Iterator[tuple[ActorState, ActorBody]]:
+    def on_road(self) -> Iterator[tuple[ActorState, ActorBody]]:
         """Yield the actors on the road, each with its body."""
         for actor in self._on:
             yield actor, body_of_kind(actor.kind, actor.length, actor.width)

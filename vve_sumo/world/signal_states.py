@@ -20,15 +20,15 @@ class SignalStates:
 
     def __init__(self) -> None:
         self._names: tuple[str, ...] = tuple(libsumo.trafficlight.getIDList())
-        self.shown: dict[str, str] = {}  #: by name, a letter for each of its links
+        self.states: dict[str, str] = {}  #: by name, a letter for each of its links
         #: in the order of their times; the first of each is its state at first; where `timed`, also changes of plan
         self.changes: list[SignalChange] = []
         self.timed = False  #: whether it is looked how long they show it, and what comes then
         self._newest: dict[str, SignalChange] = {}
 
-    def look(self, time: float) -> None:
+    def update(self, time: float) -> None:
         """Note what the signals show at a drive time [s]; raises SUMO's errors."""
-        state_of, shown = libsumo.trafficlight.getRedYellowGreenState, self.shown
+        state_of, states = libsumo.trafficlight.getRedYellowGreenState, self.states
         # A step shows what was switched at its beginning.
         begun = libsumo.simulation.getTime() - libsumo.simulation.getDeltaT() - time
         for name in self._names:
@@ -38,7 +38,7 @@ class SignalStates:
             if newest is not None and (newest.state, newest.end) == (state, end):
                 continue
             coming = _coming(name) if self.timed else ()
-            shown[name] = state
+            states[name] = state
             self._newest[name] = SignalChange(time, name, state, end, coming)
             self.changes.append(self._newest[name])
 

@@ -120,7 +120,7 @@ class Surroundings:
         if ego not in self._egos:
             self._egos.append(ego)
 
-    def look(self, time: float, hidden: Set[str], actors: Iterable[tuple[ActorState, ActorBody]] = ()) -> None:
+    def read_actors(self, time: float, hidden: Set[str], actors: Iterable[tuple[ActorState, ActorBody]] = ()) -> None:
         """Read the actors near the egos at a drive time [s], without the vehicles in `hidden`.
 
         Rows are vehicles by name, persons on foot, obstacles, and `actors`: the scenario's actors, each with its

@@ -102,7 +102,7 @@ class World:
     @property
     def signals_now(self) -> Mapping[str, str]:
         """What each signal shows, SUMO's letter for each of its links; nothing before the first pose."""
-        return self._signals.shown
+        return self._signals.states
 
     def signal_changes(self, since: int) -> Sequence[SignalChange]:
         """Return what the signals showed from their change number `since` on, counted from 0."""
@@ -175,7 +175,7 @@ class World:
         try:
             if self._begun:
                 self._look(now)
-                self._signals.look(now)
+                self._signals.update(now)
                 self._look_for_lines_passed()
             if self._clock and self._step_time_budget and self._begun:
                 places = [(ego.pose.x, ego.pose.y) for ego in self._egos if ego.pose is not None]
@@ -297,7 +297,7 @@ class World:
             before, after = ego.looked_at, ego.pose
             ego.red_light = ego.stop_sign = ""
             if before is not None and after is not None:
-                ego.red_light = self._red_lights.passed(before, after, ego.route, self._signals.shown)
+                ego.red_light = self._red_lights.passed(before, after, ego.route, self._signals.states)
                 ego.stop_sign = self._stop_signs.passed(ego.id, before, after, ego.route)
             ego.looked_at = after
 
@@ -323,7 +323,7 @@ class World:
 
     def _look(self, now: float) -> None:
         """Take the snapshots of the egos that have entered, at drive time `now` [s]; raises SUMO's errors."""
-        self._surroundings.look(now, self._hidden(), self._scenario_actors.seen())
+        self._surroundings.read_actors(now, self._hidden(), self._scenario_actors.on_road())
         egos = [ego.row() for ego in self._egos if ego.pose is not None] if len(self._egos) > 1 else []
         for ego in self._egos:
             if ego.pose is not None:

@@ -185,7 +185,7 @@ def test_a_trajectory_of_the_ego_that_begins_with_the_drive_is_its_path(tmp_path
     found = imported(tmp_path, of_ego(event("e", FOLLOW, after("0"))))
     path = ReferencePath.from_points(*zip(*found.lines[found.table["ego"]["path"]], strict=True))
     foot = path.project(70.0, 40.0)
-    assert (foot.s, foot.offset) == pytest.approx((math.hypot(60.0, 41.75), 0.0), abs=0.01)
+    assert (foot.s, foot.d) == pytest.approx((math.hypot(60.0, 41.75), 0.0), abs=0.01)
 
 
 def test_a_trajectory_of_the_ego_that_begins_later_is_refused(tmp_path: Path) -> None:

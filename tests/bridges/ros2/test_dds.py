@@ -21,7 +21,7 @@ from tests.bridges.ros2.drive import ACTORS, pose_at, sample_at
 from tests.isolated import isolated
 from tests.wire.ros2.test_clouds import LISTED
 from vve_sumo.bridges.ros2.bridge import COMMANDS
-from vve_sumo.bridges.ros2.dds import Dds, Heard
+from vve_sumo.bridges.ros2.dds import Dds, ReceivedMessage
 from vve_sumo.bridges.ros2.loopback import udp_sockets
 from vve_sumo.bridges.ros2.senses import topics_of
 from vve_sumo.errors import RigError
@@ -50,11 +50,11 @@ def dds() -> Iterator[Dds]:
     joined.close()
 
 
-def _heard(dds: Dds, topic: str, message: Any) -> Heard:
+def _heard(dds: Dds, topic: str, message: Any) -> ReceivedMessage:
     dds.publish(topic, message)
     for _ in range(50):
         select.select([dds], [], [], 0.1)
-        if got := dds.heard():
+        if got := dds.receive():
             assert len(got) == 1
             return got[0]
     raise AssertionError("nothing was heard")
@@ -159,7 +159,7 @@ class _Broken:
 def test_a_subscription_that_gives_only_errors_does_not_hold_it(dds: Dds) -> None:
     dds._readers.append(("/broken", _Broken()))
     try:
-        got = dds.heard()
+        got = dds.receive()
     finally:
         dds._readers.pop()
     assert 10 <= len(got) < 100

@@ -137,7 +137,7 @@ def test_the_path_is_the_recorded_one(driven: Heard) -> None:
     (path,) = messages["/path"]
     for one in path["poses"][::25]:
         place = one["pose"]["position"]
-        assert abs(run.path.project(place["x"], place["y"]).offset) < 1e-6
+        assert abs(run.path.project(place["x"], place["y"]).d) < 1e-6
     assert len(path["poses"]) == 1 + math.ceil(run.path.length)
 
 
@@ -154,7 +154,7 @@ def test_the_path_ahead_is_the_recorded_one_as_the_car_sees_it(driven: Heard) ->
         for place in places:
             x = row["x_m"] + cos * place["x"] - sin * place["y"]
             y = row["y_m"] + sin * place["x"] + cos * place["y"]
-            assert abs(run.path.project(x, y).offset) < 5e-4
+            assert abs(run.path.project(x, y).d) < 5e-4
 
 
 @pytest.mark.live

@@ -233,7 +233,7 @@ class _Reader:
         for n in range(math.floor(path.length) + 1):
             at = path.at(float(n))
             left = -math.sin(at.heading), math.cos(at.heading)
-            found.append((at.x + foot.offset * left[0], at.y + foot.offset * left[1]))
+            found.append((at.x + foot.d * left[0], at.y + foot.d * left[1]))
         if foot.s < self._ahead + RUN_IN:
             (x, y), heading = found[0], path.at(0.0).heading
             back = math.ceil(self._ahead + RUN_IN)

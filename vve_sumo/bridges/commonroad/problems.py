@@ -74,7 +74,7 @@ def ends(
         elif one.tag == "velocity":
             found += _between("speed_mps", interval(one))
         elif one.tag == "position":
-            low, high = _stations(one, path, begin, ahead, lanelets)
+            low, high = _goal_stretch(one, path, begin, ahead, lanelets)
             found += _between("travelled_m", (low - begin, high - begin))
         elif one.tag != "orientation":
             raise NotTakenError(one, "this part of a goal is not taken")
@@ -86,7 +86,7 @@ def _between(quantity: str, limits: Collection[float]) -> list[dict[str, Any]]:
     return [{quantity: round(low, 4), "rule": ">="}, {quantity: round(high, 4), "rule": "<="}]
 
 
-def _stations(
+def _goal_stretch(
     position: Element, path: ReferencePath, begin: float, ahead: float, lanelets: Mapping[str, Lanelet]
 ) -> tuple[float, float]:
     """Return where the rear axle is on the path [m] while the car's centre is in a region: the first such stretch."""

@@ -227,7 +227,7 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         stage.routes.get(who),
     )
     offset = scope.number(of, "targetLaneOffset", 0.0) * track.sense
-    stage.tracks[who] = replace(moved, offset=offset)
+    stage.tracks[who] = replace(moved, path_d=offset)
     return {"line": {"path": moved.path, "offset_m": offset} | reached}
 
 
@@ -248,7 +248,7 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         relative = relative or _needed(stated, "RelativeTargetLaneOffset")
         target = _beside(relative, scope, track, stage)
     dynamics = _needed(of, "LaneOffsetActionDynamics")
-    shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.offset)
+    shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.path_d)
     line: dict[str, Any] = {"offset_m": target}
     if shape not in SHAPES or (shape == "linear" and change > 0.0):
         raise NotTakenError(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
@@ -256,7 +256,7 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
         line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
-    stage.tracks[who] = replace(track, offset=target)
+    stage.tracks[who] = replace(track, path_d=target)
     return {"line": line}
 
 
@@ -266,7 +266,7 @@ def _beside(of: Element, scope: Scope, track: Track, stage: Stage) -> float:
     if other.road is None or other.lane is None or (other.road, other.lane) != (track.road, track.lane):
         raise NotTakenError(of, f"an offset relative to {name}, which is not in the same lane, is not taken")
     # Both count left of the road's reference line; the ego keeps the offset that it begins with.
-    return (other.offset * other.sense + scope.number(of, "value")) * track.sense
+    return (other.path_d * other.sense + scope.number(of, "value")) * track.sense
 
 
 def _follow_trajectory(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
@@ -276,7 +276,7 @@ def _follow_trajectory(of: Element, scope: Scope, who: str, stage: Stage) -> Act
     track = trajectory_track(stage.files, stage.ids[who], line, begin)
     action: dict[str, Any] = {"path": track.path}
     action |= {"at_m": begin} if line.anchored else {"from_here": True}
-    action["until_m"] = round(line.stations[-1], 4)
+    action["until_m"] = round(line.vertex_s[-1], 4)
     timing = of.child("TimeReference", "Timing")
     if timing is not None:
         action["timing"] = _timing(timing, scope, line)
@@ -291,8 +291,8 @@ def _timing(of: Element, scope: Scope, line: Line) -> list[dict[str, float]]:
         raise NotTakenError(of, "domainAbsoluteRelative: expected relative, to when the action begins")
     scale, offset = scope.number(of, "scale"), scope.number(of, "offset")
     return [
-        {"time_s": round(time * scale + offset, 6), "at_m": round(station, 4)}
-        for time, station in zip(line.times, line.stations, strict=True)
+        {"time_s": round(time * scale + offset, 6), "at_m": round(s, 4)}
+        for time, s in zip(line.times, line.vertex_s, strict=True)
     ]
 
 
@@ -329,7 +329,7 @@ def _teleport(of: Element, scope: Scope, who: str, stage: Stage) -> Action | Non
     spot = stage.places.spot(position, scope)
     track = track_of(stage.places.roads, stage.files, stage.ids[who], spot, of, stage.routes.get(who))
     stage.tracks[who] = track
-    return {"line": {"path": track.path, "at_m": track.station, "offset_m": track.offset}}
+    return {"line": {"path": track.path, "at_m": track.path_s, "offset_m": track.path_d}}
 
 
 def _stays(position: Element, scope: Scope, who: str) -> bool:
@@ -367,8 +367,8 @@ def _route(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     moved = lane_track(
         roads, stage.files, own, track.road, track.lane, track.s, _t(track, stage), track.sense, of, route
     )
-    stage.routes[who], stage.tracks[who] = route, replace(moved, offset=track.offset)
-    return {"line": {"path": moved.path, "offset_m": track.offset}}
+    stage.routes[who], stage.tracks[who] = route, replace(moved, path_d=track.path_d)
+    return {"line": {"path": moved.path, "offset_m": track.path_d}}
 
 
 def _visibility(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:

@@ -132,7 +132,7 @@ class _Reader:
             foot = path.project(there.x, there.y)
             if not -1.0 <= foot.s <= path.length + 1.0:
                 raise NotTakenError(position, "a place behind or beyond the ego's path is not taken")
-            return round(foot.s, 4), round(foot.offset, 4) + 0.0
+            return round(foot.s, 4), round(foot.d, 4) + 0.0
 
         self._stage.ego_place = place
         self._stage.controlled = {
@@ -364,12 +364,12 @@ class _Reader:
         self._problems.note(
             "the ego is the car of the scenario here; where it begins, its rear axle is at the file's place"
         )
-        if abs(track.offset) > 1e-3:
+        if abs(track.path_d) > 1e-3:
             beside = _beside(track, self._ego.element)
-            track = replace(track, points=beside, path=self._stage.files.named("ego_beside", beside), offset=0.0)
+            track = replace(track, points=beside, path=self._stage.files.named("ego_beside", beside), path_d=0.0)
         table: dict[str, Any] = {"path": track.path, "speed_mps": speed}
         if initial >= SLOWEST:
-            table |= {"initial_speed_mps": initial, "initial_s_m": track.station}
+            table |= {"initial_speed_mps": initial, "initial_s_m": track.path_s}
         else:
             points = _from(track, self._ego.element)
             table["path"] = self._stage.files.named("ego_from_rest", points)
@@ -401,10 +401,10 @@ class _Reader:
             "length_m": entity.length,
             "width_m": entity.width,
             "path": track.path,
-            "at_m": track.station,
+            "at_m": track.path_s,
         }
-        if track.offset:
-            table["offset_m"] = track.offset
+        if track.path_d:
+            table["offset_m"] = track.path_d
         if speed := self._stage.speeds.get(entity.name, 0.0):
             table["speed_mps"] = speed
         table["story"] = {"reference_m": entity.reference, "actions": actions}
@@ -412,12 +412,12 @@ class _Reader:
 
     def _standing(self, entity: Entity, track: Track, pose: Pose2) -> Track:
         """Return the track of an entity that never moves: it faces as the file says, whatever its lane does."""
-        line = reference(track.points, entity.element).at(track.station)
+        line = reference(track.points, entity.element).at(track.path_s)
         if abs(math.remainder(pose.heading - line.heading, math.tau)) < FACING:
             return track
         points = straight(pose.x, pose.y, pose.heading, ACROSS)
         path = self._stage.files.named(f"{entity.id}_stands", points)
-        return replace(track, path=path, points=points, station=0.0, offset=0.0)
+        return replace(track, path=path, points=points, path_s=0.0, path_d=0.0)
 
 
 def _beside(track: Track, of: Element) -> Points:
@@ -426,11 +426,11 @@ def _beside(track: Track, of: Element) -> Points:
     found = []
     for n in range(math.floor(path.length) + 1):
         at = path.at(float(n))
-        found.append((at.x - track.offset * math.sin(at.heading), at.y + track.offset * math.cos(at.heading)))
+        found.append((at.x - track.path_d * math.sin(at.heading), at.y + track.path_d * math.cos(at.heading)))
     return found
 
 
 def _from(track: Track, of: Element) -> Points:
     """Return the line from where the ego is on: from rest a drive begins at its path's start."""
     path = reference(track.points, of)
-    return [path.at(track.station + n)[:2] for n in range(math.floor(path.length - track.station) + 1)]
+    return [path.at(track.path_s + n)[:2] for n in range(math.floor(path.length - track.path_s) + 1)]

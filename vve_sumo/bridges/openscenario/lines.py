@@ -30,8 +30,8 @@ class Track:
 
     path: str  #: name of the file of its line
     points: Points
-    station: float  #: where it is on the line at the start [m]
-    offset: float  #: left of it [m]
+    path_s: float  #: where it is along the line at the start [m]
+    path_d: float  #: left of it [m]
     road: str | None  #: of the lane, None off lanes
     lane: int | None
     s: float  #: on that road [m]
@@ -92,12 +92,12 @@ def lane_track(
     path = reference(points, element)
     here = road.at(s, t)
     foot = path.project(here.x, here.y, abs(s - begin))
-    station = _rounded(foot.s)
+    path_s = _rounded(foot.s)
     return Track(
         files.named(f"{name}_lane_{'' if lane >= 0 else 'm'}{abs(lane)}", points),
         points,
-        max(station, 0.0),
-        _rounded(foot.offset),
+        max(path_s, 0.0),
+        _rounded(foot.d),
         road_name,
         lane,
         s,
@@ -105,10 +105,10 @@ def lane_track(
     )
 
 
-def trajectory_track(files: LineFiles, name: str, line: Line, station: float) -> Track:
+def trajectory_track(files: LineFiles, name: str, line: Line, path_s: float) -> Track:
     """Return the track along a trajectory, which goes straight on at its end."""
     points = extended(line.points)
-    return Track(files.named(f"{name}_trajectory", points), points, station, 0.0, None, None, 0.0, 1)
+    return Track(files.named(f"{name}_trajectory", points), points, path_s, 0.0, None, None, 0.0, 1)
 
 
 def _rounded(value: float) -> float:

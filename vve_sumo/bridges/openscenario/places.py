@@ -35,7 +35,7 @@ class Line(NamedTuple):
 
     points: Points
     times: tuple[float, ...] | None  #: of its vertices [s], None where it has none
-    stations: tuple[float, ...]  #: of the vertices along the points [m]
+    vertex_s: tuple[float, ...]  #: of the vertices along the points [m]
     anchored: bool  #: whether it says where it begins
 
 
@@ -237,7 +237,7 @@ class Places:
         timed = all("time" in one.attributes for one in vertices)
         times = tuple(scope.number(one, "time") for one in vertices) if timed else None
         points: Points = [(spots[0].x, spots[0].y)]
-        stations = [0.0]
+        vertex_s = [0.0]
         for start, end in pairwise(spots):
             way = math.dist(start[:2], end[:2])
             count = max(1, math.ceil(way / SPACING)) if way > 0.0 else 0
@@ -245,8 +245,8 @@ class Places:
                 (start.x + (end.x - start.x) * n / count, start.y + (end.y - start.y) * n / count)
                 for n in range(1, count + 1)
             ]
-            stations.append(stations[-1] + way)
-        return Line(points, times, tuple(stations), True)
+            vertex_s.append(vertex_s[-1] + way)
+        return Line(points, times, tuple(vertex_s), True)
 
     def _clothoid(self, of: Element, scope: Scope) -> Line:
         start = self.spot(_position(of), scope).pose

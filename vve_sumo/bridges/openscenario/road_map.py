@@ -209,8 +209,8 @@ class RoadMap:
         best: tuple[float, RoadPlace] | None = None
         for road in self.roads.values():
             count = max(1, math.ceil(road.length / COARSE))
-            stations = [road.length * n / count for n in range(count + 1)]
-            near = min(stations, key=lambda s, road=road: _distance(road, s, x, y))  # type: ignore[misc]
+            samples_s = [road.length * n / count for n in range(count + 1)]
+            near = min(samples_s, key=lambda s, road=road: _distance(road, s, x, y))  # type: ignore[misc]
             low, high = max(near - COARSE, 0.0), min(near + COARSE, road.length)
             for _ in range(60):
                 third = (high - low) / 3.0

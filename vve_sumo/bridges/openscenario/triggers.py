@@ -60,7 +60,7 @@ class Context:
     """What conditions may ask for beside their own element."""
 
     ids: Mapping[str, str]  #: of entities, by their names
-    place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: station and offset on the ego's path
+    place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: s and d on the ego's path
     elements: dict[tuple[str, str], list[ElementState]]  #: of the storyboard, by type and name
     variables: dict[str, list[tuple[str, Groups | None]]]  #: values that events set, with their triggers
     initial: Mapping[str, str]  #: values of variables at the start
@@ -258,8 +258,8 @@ def _at(of: Element, scope: Scope, context: Context) -> Condition:
     position = of.child("Position")
     if position is None:
         raise NotTakenError(of, "expected a <Position>")
-    at, offset = context.place(position, scope)
-    return {"at_m": at, "offset_m": offset}
+    s, d = context.place(position, scope)
+    return {"at_m": s, "offset_m": d}
 
 
 def _asked(of: Element, scope: Scope, context: Context) -> Condition:

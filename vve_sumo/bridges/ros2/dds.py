@@ -25,7 +25,7 @@ CONFIGURATION: Final = """<CycloneDDS><Domain id="any">
 DEPTH: Final = 10  #: of a queue of messages
 
 
-class Heard(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """A message that has come."""
 
     topic: str  #: such as `/odom`
@@ -100,32 +100,32 @@ class Dds:
         self._readers.append((name, reader))
         self._listeners.append(waker)
 
-    def heard(self) -> list[Heard]:
+    def receive(self) -> list[ReceivedMessage]:
         """Return the messages that have come since the last call, in order, topic after topic; never waits."""
         with contextlib.suppress(BlockingIOError):
             while os.read(self._wake, 4096):
                 pass
         return [one for name, reader in self._readers for one in self._taken(name, reader)]
 
-    def _taken(self, name: str, reader: Any) -> list[Heard]:
-        found: list[Heard] = []
+    def _taken(self, name: str, reader: Any) -> list[ReceivedMessage]:
+        found: list[ReceivedMessage] = []
         # As many messages as a queue holds, and as many notices that a publisher has gone.
         for _ in range(2 * DEPTH):
             try:
                 came = reader.take(1)
             except Exception:  # bytes that are no such message
-                found.append(Heard(name, 0, None))
+                found.append(ReceivedMessage(name, 0, None))
                 continue
             if not came:
                 break
             if came[0].sample_info.valid_data:
-                found.append(Heard(name, came[0].sample_info.publication_handle, came[0]))
+                found.append(ReceivedMessage(name, came[0].sample_info.publication_handle, came[0]))
         return found
 
     def has_node(self) -> bool:
         """Whether somebody hears an advertised topic, and somebody publishes on each that is subscribed to."""
-        heard = any(writer.get_matched_subscriptions() for writer in self._writers.values())
-        return heard and all(reader.get_matched_publications() for _, reader in self._readers)
+        matched = any(writer.get_matched_subscriptions() for writer in self._writers.values())
+        return matched and all(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:
         """Leave the domain."""

@@ -153,7 +153,7 @@ class BridgeProcess:
             for kind in WIRES:
                 for data in came[kind]:
                     take[kind](data)
-            for heard in self._dds.heard():
+            for heard in self._dds.receive():
                 bridge.take_command(heard.writer, heard.message)
 
     def _send(self, setpoint: bytes) -> None:

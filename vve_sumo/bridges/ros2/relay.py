@@ -61,7 +61,7 @@ class FixRelay:
         """Run until `ended` says so."""
         while not ended():
             select.select([self._dds], [], [], POLL)
-            for heard in self._dds.heard():
+            for heard in self._dds.receive():
                 fix = self.assembler.take(self._kinds[heard.topic], heard.writer, heard.message)
                 if fix is not None:
                     self._send(self._encoder.encode(fix))

@@ -74,7 +74,7 @@ class Module:
     override_above: float  #: driver's input
     activity_above: float  #: driver's input
     command: BrakeCommand | ThrottleCommand | SteeringCommand | None = None  #: last usable one
-    heard: int = -(1 << 30)  #: step at which it came
+    received_step: int = -(1 << 30)  #: step at which it came
     counted: int = 0  #: step at which its counter last changed
     counting: bool = False  #: the watchdog is armed on it
     enabled: bool = False
@@ -87,7 +87,7 @@ class Module:
     enable_commanded: bool = False  #: the last usable command asks to enable it
     broken: bool = False  #: cannot be enabled, whatever is commanded
 
-    def hear(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
+    def receive(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
         """Take in a usable command."""
         if command.clear and not self.pressed:
             self.override = False
@@ -97,7 +97,7 @@ class Module:
         if last is None or last.counter != command.counter:
             self.counted = step
             self.counting |= last is not None and last.enable and command.enable
-        self.command, self.heard, self.enable_commanded = command, step, command.enable
+        self.command, self.received_step, self.enable_commanded = command, step, command.enable
 
     def feel(self, value: float, override_steps: int, activity_steps: int) -> None:
         """Update the driver's activity and override from an input `value`."""
@@ -146,15 +146,15 @@ class DbwController:
             command = codec.decode(frame, self.parameters.variant)
             if isinstance(command, BrakeCommand):
                 if command.kind is not _DECELERATION:  # a Fusion's brake module doesn't know it
-                    self.brake.hear(command, self._step)
+                    self.brake.receive(command, self._step)
                     if command is self.brake.command:
                         self.commanded_torque = self._torque(command)
             elif isinstance(command, ThrottleCommand):
-                self.throttle.hear(command, self._step)
+                self.throttle.receive(command, self._step)
                 if command is self.throttle.command:
                     self.commanded_throttle = _throttle(command)
             elif isinstance(command, SteeringCommand):
-                self.steering.hear(command, self._step)
+                self.steering.receive(command, self._step)
                 if command is self.steering.command:
                     self._aim(command)
             elif isinstance(command, GearCommand):
@@ -188,7 +188,7 @@ class DbwController:
         """Update modules, watchdog and gear, and find the step before which only a command or a driver changes them."""
         oldest = self._step - self._timeout_steps
         for module in self.modules:
-            module.timeout = module.heard <= oldest
+            module.timeout = module.received_step <= oldest
         if self.parameters.watchdog:
             self._watch(speed, oldest)
         fault = self.fault

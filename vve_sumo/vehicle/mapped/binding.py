@@ -214,9 +214,10 @@ class Binder:
 
     def require_count(self, key: str, signal: dbc.Signal, count: int) -> None:
         """Raise ConfigError for a count that a signal does not hold."""
-        if not signal.least <= count <= signal.greatest:
+        if not signal.min_count <= count <= signal.max_count:
             raise self._wrong(
-                key, f"{signal.name} holds counts of {signal.least} to {signal.greatest}, expected one, got {count}"
+                key,
+                f"{signal.name} holds counts of {signal.min_count} to {signal.max_count}, expected one, got {count}",
             )
 
     def _refuse_clashes(self) -> None:
@@ -258,7 +259,7 @@ def _bits(signal: dbc.Signal, size: int) -> Iterator[int]:
 
 def _range(signal: dbc.Signal, invalid: frozenset[int]) -> tuple[float, float]:
     """Return the least and greatest value of a signal in its own unit; 0 and 0 in a DBC file is no statement."""
-    least, greatest = signal.least, signal.greatest
+    least, greatest = signal.min_count, signal.max_count
     while least in invalid:
         least += 1
     while greatest in invalid:

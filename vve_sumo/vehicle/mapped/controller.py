@@ -30,7 +30,7 @@ BRAKE, THROTTLE, STEERING = 0, 1, 2
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class DecodedCommands:
     """What the commands of one step say together, in SI units; NaN for what the wire does not take."""
 
     brake_torque: float
@@ -43,7 +43,7 @@ class Said:
     clear: bool
 
 
-NOTHING: Final = Said(0.0, 0.0, math.nan, 0.0, 0.0, Gear.NONE, enable=False, clear=False)
+NO_COMMANDS: Final = DecodedCommands(0.0, 0.0, math.nan, 0.0, 0.0, Gear.NONE, enable=False, clear=False)
 
 
 def foot_torque(pedal: float) -> float:
@@ -80,7 +80,7 @@ class Controller:
         self._shift_steps = round(SHIFT_TIME / duration)
         self._stops, self._clears = stops, clears
         self._watchdog = watchdog if math.isfinite(watchdog) else WATCHDOG_DECELERATION
-        self.said = NOTHING
+        self.commands = NO_COMMANDS
         self.gear = Gear.PARK
         self.gear_override = False  #: the driver moved the lever; latched
         self.overrides = [False, False, False]  #: of brake, throttle and steering; latched
@@ -103,22 +103,22 @@ class Controller:
     def enabled(self) -> tuple[bool, bool, bool]:
         """Return whether brake, throttle and steering act on commands."""
         goes_on = not self.timed_out or self._stops is WhenCommandsStop.HOLDS
-        on = self.said.enable and goes_on and not any(self.overrides) and not self.watchdog_fault
+        on = self.commands.enable and goes_on and not any(self.overrides) and not self.watchdog_fault
         return on and self.broken != BRAKE, on and self.broken != THROTTLE, on and self.broken != STEERING
 
-    def hear(self, said: Said, speed: float, brake_torque: float, *, in_time: bool) -> None:
+    def receive(self, commands: DecodedCommands, speed: float, brake_torque: float, *, in_time: bool) -> None:
         """Take what the commands say, at the car's `speed` [m/s] and applied `brake_torque` [N m].
 
         The time-out begins anew only `in_time`: when all of them have come.
         """
-        self.said = said
+        self.commands = commands
         if in_time:
             self._silent = 0
-        if said.clear if self._clears else not said.enable:
+        if commands.clear if self._clears else not commands.enable:
             self.overrides = [self._beyond[number] > 0 for number in range(3)]
             self.gear_override = False
-        wanted, held = said.gear, abs(speed) < REST_SPEED and brake_torque >= SHIFT_BRAKE
-        if said.enable and wanted not in (Gear.NONE, self.gear) and held and not self.gear_override:
+        wanted, held = commands.gear, abs(speed) < REST_SPEED and brake_torque >= SHIFT_BRAKE
+        if commands.enable and wanted not in (Gear.NONE, self.gear) and held and not self.gear_override:
             self._shift = self._shift or (self._shift_steps, wanted)
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
@@ -126,7 +126,7 @@ class Controller:
         if driver is not HANDS_OFF or any(self._beyond) or any(self.driver):
             self._feel(driver)
         self._move_lever(driver.gear, speed)
-        moving_on = self.said.enable and not self.timed_out
+        moving_on = self.commands.enable and not self.timed_out
         self._silent += 1
         if moving_on and self.timed_out and self._stops is WhenCommandsStop.BRAKES and not any(self.overrides):
             self.watchdog_fault = self.watchdog_braking = True
@@ -142,10 +142,10 @@ class Controller:
 
     def _request(self, wheel_angle: float) -> Request:
         brake, throttle, steering = self.enabled
-        said = self.said
-        torque = max(said.brake_torque if brake else 0.0, self.foot_torque)
-        opening = max(said.throttle if throttle else 0.0, self.foot_opening)
-        acceleration = said.acceleration
+        commands = self.commands
+        torque = max(commands.brake_torque if brake else 0.0, self.foot_torque)
+        opening = max(commands.throttle if throttle else 0.0, self.foot_opening)
+        acceleration = commands.acceleration
         if not (brake and throttle):
             # What is left of a longitudinal controller of which one half has failed.
             acceleration = min(acceleration, 0.0) if brake else max(acceleration, 0.0) if throttle else math.nan
@@ -160,9 +160,9 @@ class Controller:
             self._angle = math.nan
             return math.nan
         here = wheel_angle if math.isnan(self._angle) else self._angle
-        rate = self.said.wheel_rate or self._rate_limit
+        rate = self.commands.wheel_rate or self._rate_limit
         change = min(rate, self._rate_limit) * self._duration
-        self._angle = here + clamp(self.said.wheel_angle - here, -change, change)
+        self._angle = here + clamp(self.commands.wheel_angle - here, -change, change)
         return self._angle
 
     def _feel(self, driver: DriverInputs) -> None:

@@ -26,7 +26,7 @@ from vve_sumo.vehicle.interface import (
     WheelSpeeds,
     YawRate,
 )
-from vve_sumo.vehicle.mapped.controller import NOTHING, Controller, Said
+from vve_sumo.vehicle.mapped.controller import NO_COMMANDS, Controller, DecodedCommands
 from vve_sumo.vehicle.mapped.frames import Condition, Number, Placed, Views, count_in, views_of
 from vve_sumo.vehicle.mapped.report_faults import ReportFaults
 from vve_sumo.vehicle.mapped.wire import Wire
@@ -97,7 +97,7 @@ class SimulatedMapped:
         if heard and self._views.keys() == self._layouts.keys():
             # Every message has its own time-out: one that stops, or whose counter does, is enough.
             whole = self._fresh == self._layouts.keys()
-            self._controller.hear(self._said(), speed, brake_torque, in_time=whole)
+            self._controller.receive(self._decoded(), speed, brake_torque, in_time=whole)
             if whole:
                 self._fresh.clear()
 
@@ -128,7 +128,7 @@ class SimulatedMapped:
             frames.append(Frame(number, layout.packed(counts, self._sent[number])))
         return frames
 
-    def _said(self) -> Said:
+    def _decoded(self) -> DecodedCommands:
         commands, views = self._wire.commands, self._views
 
         def number(one: Number | None, without: float) -> float:
@@ -137,7 +137,7 @@ class SimulatedMapped:
         selector = commands.gear
         gear = selector.gears.get(count_in(selector.signal, views[selector.message]), Gear.NONE)
         return replace(
-            NOTHING,
+            NO_COMMANDS,
             brake_torque=number(commands.brake_torque, 0.0),
             throttle=number(commands.throttle, 0.0),
             acceleration=number(commands.acceleration, math.nan),
@@ -182,7 +182,7 @@ class SimulatedMapped:
     def _states(self, measured: Measured) -> dict[type, Any]:
         """Return what there is to be reported, as the port's own reports."""
         one = self._controller
-        said, late, latched = one.said, one.timed_out, one.watchdog_fault
+        said, late, latched = one.commands, one.timed_out, one.watchdog_fault
         brake, throttle, steering = one.enabled
         torque = min(max(one.hand_torque, -TORQUE_SENSOR), TORQUE_SENSOR)
         angle = measured.wheel_angle
