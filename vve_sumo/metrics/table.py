@@ -87,8 +87,11 @@ _NAME = re.compile(r"(?<![\w.])[a-z0-9]+(?:_[a-z0-9]+)+(?!\w)")
 
 
 def enter(metrics: Mapping[str, Metric]) -> None:
-    """Make a user's metrics known by name to all that shows figures; of two of one name the last one's words count."""
-    OWN_METRICS.update(metrics)
+    """Make a user's metrics known by name to all that shows figures; of two of one name the last one's words count.
+
+    Those of shipped metrics are left out.
+    """
+    OWN_METRICS.update({name: row for name, row in metrics.items() if name not in SHIPPED_METRICS})
 
 
 def label_of(name: str) -> str:
