@@ -17,11 +17,14 @@ from vve_sumo.values import Observation, PointCloud, Vehicle
 
 from .assignment import assign
 from .lidar_detections import POINTS, continuing, standing, touching
+from .line_of_sight import in_sight
 from .sightings import AxleMotion, Memory, output_of
 from .tracks import Track
 from .trend import Trend
 
-BEHIND, AHEAD, ASIDE = 40.0, 100.0, 20.0  #: how far from the rear axle bodies are looked for [m]
+BEHIND, AHEAD = 40.0, 100.0  #: how far from the rear axle along the path bodies are looked for [m]
+ASIDE: Final = 20.0  #: and how far beside the path, wherever it bends to [m]
+BLOCK: Final = 5.0  #: blocks of this size are near the path or not, with all that stands in them [m]
 BESIDE: Final = 9.0  #: bodies that are all farther beside the path are left alone [m]
 GRAIN: Final = 0.1  #: points in cells of this size are one point of an outline [m]
 GATE: Final = 1.5  #: along and across together, within which a body is the one of the turn before [m]
@@ -31,10 +34,14 @@ SEEN: Final = 2  #: turns until a body counts
 KNOWN, KNOWN_LARGE = 3, 6  #: until the motion of a small body does, and of another one
 SPARSE: Final = 0.006  #: rays are so far apart at a distance [rad]: by so much a side may jump
 SMALL: Final = 1.2  #: one that is smaller is followed by its middle, others by the sides that are nearest [m]
+#: From so far on [m] a few rays meet a car, not all of which come back: what looks small may be any part of it, another
+#: one in every turn, so that its middle jumps to and fro.
+RESOLVED: Final = 45.0
 PLACE_SIGMA, SIDE_SIGMA = 0.06, 0.15  #: of the middle of a small body, of the nearest sides of others [m]
 ALONG_AGILITY, ACROSS_AGILITY = 1.0, 0.5  #: spectral densities of acceleration [m2/s3]
 ACROSS_FASTEST: Final = 4.0  #: standard deviation of a speed across the path before any is measured [m/s]
 MOVES, CRAWLS = 3.0, 0.4  #: it moves if so many standard deviations, and so much [m/s], say so
+RANGE: Final = 90.0  #: as far as this the lidar sees a car [m]
 ONE_BODY: Final = 1.5  #: a radar's track so near to an outline is of the same body [m]
 LENGTH, WIDTH = 5.0, 2.0  #: of a body of which only a radar's track is known [m]
 ONCOMING: Final = -2.0  #: of such bodies only those count that come nearer along the path [m/s]
@@ -48,7 +55,6 @@ class Body(NamedTuple):
     along: float  #: speed along the path [m/s]
     across: float  #: speed across the path, left positive [m/s]
     sigma: float  #: standard deviation of the speed across [m/s]
-    top: float  #: of the highest point that is seen, over the road [m]
 
     @property
     def small(self) -> bool:
@@ -63,11 +69,11 @@ class Body(NamedTuple):
 class _Followed:
     """A body from turn to turn."""
 
-    __slots__ = ("across", "along", "by_far", "by_left", "d", "hits", "s", "seen", "speed", "time", "top")
+    __slots__ = ("across", "along", "by_far", "by_left", "d", "hits", "s", "seen", "speed", "time")
 
-    def __init__(self, time: float, s: np.ndarray, d: np.ndarray, top: float) -> None:
+    def __init__(self, time: float, s: np.ndarray, d: np.ndarray) -> None:
         self.time = self.seen = time
-        self.s, self.d, self.top, self.hits = s, d, top, 1
+        self.s, self.d, self.hits = s, d, 1
         self.speed: float | None = None  # along the path, as a radar has it [m/s]
         self.by_far = self.by_left = 0  # which sides it is followed by
         self.along = Trend(0.0, SIDE_SIGMA**2, FAST**2, ALONG_AGILITY)
@@ -89,9 +95,9 @@ class _Followed:
         self.along.value, self.across.value, sigma = self._sides(s, d)
         self.along.variance = self.across.variance = sigma * sigma
 
-    def update(self, s: np.ndarray, d: np.ndarray, top: float, here: tuple[float, float]) -> None:
+    def update(self, s: np.ndarray, d: np.ndarray, here: tuple[float, float]) -> None:
         """Take in what a turn shows of it, seen from a place on the path."""
-        self.s, self.d, self.top, self.seen = s, d, max(top, self.top), self.time
+        self.s, self.d, self.seen = s, d, self.time
         self.hits += 1
         before = self.by_far, self.by_left
         along, across, sigma = self._sides(*here)
@@ -110,7 +116,7 @@ class _Followed:
         """Return the places along and across that it is followed by [m], and their standard deviation [m]."""
         near, far = float(self.s.min()), float(self.s.max())
         right, left = float(self.d.min()), float(self.d.max())
-        if far - near < SMALL and left - right < SMALL:
+        if max(far - near, left - right) < SMALL and max(near - s, s - far) < RESOLVED:
             self.by_far = self.by_left = 0
             return 0.5 * (near + far), 0.5 * (right + left), PLACE_SIGMA
         self.by_far = 1 if near > s else 2 if far < s else 3
@@ -135,7 +141,6 @@ class _Followed:
             pace,
             aside,
             math.sqrt(self.across.rate_variance),
-            self.top,
         )
 
 
@@ -148,6 +153,8 @@ class Outlines:
         self._memory = Memory()
         self._followed: list[_Followed] = []
         self._newest = -math.inf
+        self._turn: PointCloud | None = None
+        self._axle: AxleMotion
 
     def step(self, observation: Observation, projection: PathProjection) -> bool:
         """Take in a turn if it is new, and tell whether it was; raises TypeError where there is no such lidar."""
@@ -157,18 +164,19 @@ class Outlines:
             return False
         self._newest = turn.time
         axle = self._memory.at(turn.time)
+        self._turn, self._axle = turn, axle
         pieces = self._pieces(turn, axle, observation.path, projection.s)
         # What lies ahead was met in the middle of the turn.
         time, here = turn.time - 0.5 * _duration(turn), (projection.s, projection.offset)
         for one in self._followed:
             one.predict(time)
         known = list(self._followed)
-        taken = assign([[one.cost(s, d) for one in known] for s, d, _top in pieces])
-        for number, (s, d, top) in enumerate(pieces):
+        taken = assign([[one.cost(s, d) for one in known] for s, d in pieces])
+        for number, (s, d) in enumerate(pieces):
             if number in taken:
-                known[taken[number]].update(s, d, top, here)
+                known[taken[number]].update(s, d, here)
             else:
-                fresh = _Followed(time, s, d, top)
+                fresh = _Followed(time, s, d)
                 fresh.begin(*here)
                 self._followed.append(fresh)
         self._followed = [one for one in self._followed if time - one.seen <= KEPT]
@@ -192,21 +200,35 @@ class Outlines:
             found.append(one.body(time))
         return found + [_taken_for_a_car(track, time) for track in lonely]
 
+    def in_sight(self, path: ReferencePath, stations: Sequence[float], offset: float) -> bool:
+        """Tell whether the newest turn would show a car at all these stations of a path, beside it by an offset [m].
+
+        One station alone that is not in sight is too short for a car.
+        """
+        points = [path.at(s) for s in stations]
+        x = np.array([point.x - offset * math.sin(point.heading) for point in points])
+        y = np.array([point.y + offset * math.cos(point.heading) for point in points])
+        if self._turn is None:
+            return False
+        seen = in_sight(x, y, self._turn, self._axle, self._forward, self._height, RANGE)
+        return bool((seen[1:] | seen[:-1]).all() if len(seen) > 1 else seen.all())
+
     def _pieces(
         self, turn: PointCloud, axle: AxleMotion, path: ReferencePath, station: float
-    ) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Return stations, offsets and the highest point [m] of each body near the path."""
-        x, y, height, _firing = standing(turn, axle, self._forward, self._height, self._forward)
-        near = (x > -BEHIND) & (x < AHEAD) & (np.abs(y) < ASIDE)
-        x, y, height = x[near], y[near], height[near]
-        labels = _whole(x - self._forward, y, touching(x, y, BEHIND, AHEAD, ASIDE), math.tau / len(turn.azimuth))
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return stations and offsets [m] of each body near the path."""
+        x, y, _height, _firing = standing(turn, axle, self._forward, self._height, self._forward)
+        near = _along(path, station, axle, x, y)
+        x, y = x[near], y[near]
+        behind, ahead = max(-float(x.min(initial=0.0)), BEHIND), max(float(x.max(initial=0.0)), ASIDE)
+        touch = touching(x, y, behind, ahead, max(float(np.abs(y).max(initial=0.0)), ASIDE))
+        labels = _whole(x - self._forward, y, touch, math.tau / len(turn.azimuth))
         cos, sin = math.cos(axle.heading), math.sin(axle.heading)
         order = np.lexsort((np.floor(y / GRAIN), np.floor(x / GRAIN), labels))
         cells = np.stack((labels[order], np.floor(x[order] / GRAIN), np.floor(y[order] / GRAIN)))
         first = np.ones(len(order), np.bool_)
         first[1:] = (cells[:, 1:] != cells[:, :-1]).any(axis=0)
-        counts, tops = np.bincount(labels), np.zeros(int(labels.max(initial=0)) + 1)
-        np.maximum.at(tops, labels, height)
+        counts = np.bincount(labels)
         kept = order[first]
         labels, x, y = labels[kept], x[kept], y[kept]
         s, d = path.locate(axle.x + x * cos - y * sin, axle.y + x * sin + y * cos, station - BEHIND, station + AHEAD)
@@ -214,8 +236,27 @@ class Outlines:
         for number in np.unique(labels).tolist():
             own = (labels == number) & np.isfinite(s) & np.isfinite(d)
             if counts[number] >= POINTS and own.any() and float(np.abs(d[own]).min()) < BESIDE:
-                pieces.append((s[own], d[own], float(tops[number])))
+                pieces.append((s[own], d[own]))
         return pieces
+
+
+def _along(path: ReferencePath, station: float, axle: AxleMotion, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return which points, ahead and left of the rear axle [m], stand in blocks that the path ahead or behind leads by.
+
+    Of a path that bends, the car's own axis leads away.
+    """
+    points = [path.at(s) for s in np.arange(station - BEHIND, station + AHEAD + BLOCK, BLOCK).tolist()]
+    east, north = np.array([point.x for point in points]) - axle.x, np.array([point.y for point in points]) - axle.y
+    cos, sin = math.cos(axle.heading), math.sin(axle.heading)
+    ahead, left = east * cos + north * sin, north * cos - east * sin
+    count = math.ceil(2.0 * AHEAD / BLOCK)
+    middle = BLOCK * (np.arange(count) + 0.5) - AHEAD
+    away = (middle[:, None, None] - ahead) ** 2 + (middle[None, :, None] - left) ** 2
+    by_path = away.min(axis=2) < ASIDE * ASIDE
+    near = (np.abs(x) < AHEAD) & (np.abs(y) < AHEAD)
+    row, column = (((np.where(near, value, 0.0) + AHEAD) / BLOCK).astype(np.intp) for value in (x, y))
+    along: np.ndarray = near & by_path[row, column]
+    return along
 
 
 def _whole(x: np.ndarray, y: np.ndarray, labels: np.ndarray, step: float) -> np.ndarray:
@@ -269,4 +310,4 @@ def _taken_for_a_car(track: Track, time: float) -> Body:
     s, offset = track.s + track.speed * (time - track.time), track.offset
     near = math.copysign(abs(offset) + math.sqrt(track.offset_variance), offset)
     far = near + math.copysign(WIDTH, offset)
-    return Body(s + np.array([0.0, 0.0, LENGTH, LENGTH]), np.array([near, far] * 2), track.speed, 0.0, 0.0, 1.5)
+    return Body(s + np.array([0.0, 0.0, LENGTH, LENGTH]), np.array([near, far] * 2), track.speed, 0.0, 0.0)
