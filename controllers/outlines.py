@@ -31,6 +31,7 @@ GATE: Final = 1.5  #: along and across together, within which a body is the one 
 FAST: Final = 16.0  #: of a body that was seen once nothing is known but that it is not faster than this [m/s]
 KEPT: Final = 0.5  #: a body lives on unseen for so long [s]
 SEEN: Final = 2  #: turns until a body counts
+FAMILIAR: Final = 5  #: turns until a small body is known to be one by itself
 KNOWN, KNOWN_LARGE = 3, 6  #: until the motion of a small body does, and of another one
 SPARSE: Final = 0.006  #: rays are so far apart at a distance [rad]: by so much a side may jump
 SMALL: Final = 1.2  #: one that is smaller is followed by its middle, others by the sides that are nearest [m]
@@ -69,13 +70,14 @@ class Body(NamedTuple):
 class _Followed:
     """A body from turn to turn."""
 
-    __slots__ = ("across", "along", "by_far", "by_left", "d", "hits", "s", "seen", "speed", "time")
+    __slots__ = ("across", "along", "by_far", "by_left", "d", "hits", "moves", "s", "seen", "speed", "time")
 
     def __init__(self, time: float, s: np.ndarray, d: np.ndarray) -> None:
         self.time = self.seen = time
         self.s, self.d, self.hits = s, d, 1
         self.speed: float | None = None  # along the path, as a radar has it [m/s]
         self.by_far = self.by_left = 0  # which sides it is followed by
+        self.moves = False, False  # whether it surely did along and across the path when it was seen last
         self.along = Trend(0.0, SIDE_SIGMA**2, FAST**2, ALONG_AGILITY)
         self.across = Trend(0.0, SIDE_SIGMA**2, ACROSS_FASTEST**2, ACROSS_AGILITY)
 
@@ -111,6 +113,9 @@ class _Followed:
             # It sets out or turns back: what its speed was says nothing about what it is.
             self.across.rate_variance += ACROSS_FASTEST**2
         self.across.update(across, sigma * sigma)
+        # One who is hidden for a moment goes on, though nobody sees that he does.
+        known = self.hits >= (KNOWN if self.by_far == 0 else KNOWN_LARGE)
+        self.moves = known and _surely(self.along), known and _surely(self.across)
 
     def _sides(self, s: float, d: float) -> tuple[float, float, float]:
         """Return the places along and across that it is followed by [m], and their standard deviation [m]."""
@@ -132,9 +137,9 @@ class _Followed:
 
     def body(self, time: float) -> Body:
         """Return it at a time [s]."""
-        known = self.hits >= (KNOWN if self.by_far == 0 else KNOWN_LARGE)
-        pace = self.speed if self.speed is not None else _surely(self.along) if known else 0.0
-        aside, since = _surely(self.across) if known else 0.0, time - self.time
+        along, across = self.moves
+        pace = self.speed if self.speed is not None else self.along.rate * along
+        aside, since = self.across.rate * across, time - self.time
         return Body(
             self.s + pace * since,
             self.d + aside * since,
@@ -165,11 +170,11 @@ class Outlines:
         self._newest = turn.time
         axle = self._memory.at(turn.time)
         self._turn, self._axle = turn, axle
-        pieces = self._pieces(turn, axle, observation.path, projection.s)
         # What lies ahead was met in the middle of the turn.
         time, here = turn.time - 0.5 * _duration(turn), (projection.s, projection.offset)
         for one in self._followed:
             one.predict(time)
+        pieces = self._pieces(turn, axle, observation.path, projection.s)
         known = list(self._followed)
         taken = assign([[one.cost(s, d) for one in known] for s, d in pieces])
         for number, (s, d) in enumerate(pieces):
@@ -222,7 +227,8 @@ class Outlines:
         x, y = x[near], y[near]
         behind, ahead = max(-float(x.min(initial=0.0)), BEHIND), max(float(x.max(initial=0.0)), ASIDE)
         touch = touching(x, y, behind, ahead, max(float(np.abs(y).max(initial=0.0)), ASIDE))
-        labels = _whole(x - self._forward, y, touch, math.tau / len(turn.azimuth))
+        apart = _of(touch, x, y, self._small_ones(path, axle))
+        labels = _whole(x - self._forward, y, touch, math.tau / len(turn.azimuth), apart)
         cos, sin = math.cos(axle.heading), math.sin(axle.heading)
         order = np.lexsort((np.floor(y / GRAIN), np.floor(x / GRAIN), labels))
         cells = np.stack((labels[order], np.floor(x[order] / GRAIN), np.floor(y[order] / GRAIN)))
@@ -238,6 +244,27 @@ class Outlines:
             if counts[number] >= POINTS and own.any() and float(np.abs(d[own]).min()) < BESIDE:
                 pieces.append((s[own], d[own]))
         return pieces
+
+    def _small_ones(self, path: ReferencePath, axle: AxleMotion) -> list[tuple[float, float]]:
+        """Return where small bodies are that have been followed for some time, ahead and left of the rear axle [m]."""
+        places = []
+        for one in self._followed:
+            if one.by_far == 0 and one.hits >= FAMILIAR:
+                at, offset = path.at(float(one.s.mean())), float(one.d.mean())
+                east = at.x - offset * math.sin(at.heading) - axle.x
+                north = at.y + offset * math.cos(at.heading) - axle.y
+                cos, sin = math.cos(axle.heading), math.sin(axle.heading)
+                places.append((east * cos + north * sin, north * cos - east * sin))
+        return places
+
+
+def _of(labels: np.ndarray, x: np.ndarray, y: np.ndarray, places: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Return the numbers of the pieces that lie as a whole around one of some places [m]."""
+    apart: set[int] = set()
+    for ahead, left in places:
+        around = np.hypot(x - ahead, y - left) < SMALL
+        apart |= set(labels[around].tolist()) - set(labels[~around].tolist())
+    return np.array(sorted(apart), np.intp)
 
 
 def _along(path: ReferencePath, station: float, axle: AxleMotion, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -259,17 +286,20 @@ def _along(path: ReferencePath, station: float, axle: AxleMotion, x: np.ndarray,
     return along
 
 
-def _whole(x: np.ndarray, y: np.ndarray, labels: np.ndarray, step: float) -> np.ndarray:
+def _whole(x: np.ndarray, y: np.ndarray, labels: np.ndarray, step: float, apart: np.ndarray) -> np.ndarray:
     """Return the numbers of bodies that points belong to: pieces of one body, as the lidar sees them, are put together.
 
-    `x` and `y` count from the lidar [m], `step` is the angle from one ray to the next [rad].
+    `x` and `y` count from the lidar [m], `step` is the angle from one ray to the next [rad]. The pieces whose numbers
+    are in `apart` are bodies of their own: who steps out between two cars is no part of either.
     """
     if not len(x):
         return labels
     far = np.hypot(x, y)
     order = np.argsort(far, kind="stable")
-    _, first, piece = np.unique(labels[order], return_index=True, return_inverse=True)
+    numbers, first, piece = np.unique(labels[order], return_index=True, return_inverse=True)
     goes_on = continuing(far[order], np.arctan2(y, x)[order], piece, first, step)
+    alone = np.isin(numbers, apart)
+    goes_on &= ~(alone[:, None] | alone)
     owner = np.where(goes_on.any(axis=1), goes_on.argmax(axis=1), np.arange(len(first)))
     # A piece goes on one that is nearer, so that the chain ends.
     while (owner[owner] != owner).any():
@@ -283,10 +313,9 @@ def _duration(turn: PointCloud) -> float:
     return float(-turn.time_offset.min(initial=0.0))
 
 
-def _surely(trend: Trend) -> float:
-    """Return a rate that stands out from its noise, else 0."""
-    sure = trend.rate * trend.rate > MOVES * MOVES * trend.rate_variance and abs(trend.rate) > CRAWLS
-    return trend.rate if sure else 0.0
+def _surely(trend: Trend) -> bool:
+    """Tell whether a rate stands out from its noise."""
+    return trend.rate * trend.rate > MOVES * MOVES * trend.rate_variance and abs(trend.rate) > CRAWLS
 
 
 def _nearest(first: np.ndarray, second: np.ndarray) -> float:
