@@ -51,7 +51,8 @@ URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0
 #: who comes the other way in the car's way is given way to by steering when he is so near [s]
 ONCOMING: Final = 4.0
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
-#: who is not slower than the car would be by so much is not gone around in comfort, nor who crosses [m/s]
+#: who is not slower than the car would be by so much [m/s], or half as fast, is not gone around in comfort, nor who
+#: crosses
 SLOWER: Final = 2.0
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
@@ -297,7 +298,7 @@ class SteerAround:
             cap, sides = tries[place]
             speeds = self._creeping(sight, blocking, cap)
             plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
-            if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan)):
+            if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, plan)):
                 self._tried = 0
                 self._free += 1
                 yield
@@ -412,6 +413,11 @@ class SteerAround:
     def _keeps(self, sight: _Sight) -> Margins:
         return COMFORT if self._is_out(sight) else SETTING_OUT
 
+    def _may_set_out(self, sight: _Sight, plan: LateralPlan) -> bool:
+        """Tell whether a way is back on its path before that ends, where the car stops, and is seen to be free."""
+        end = max(int(sight.observation.path.length / SPACING) - sight.first, 0)
+        return max(map(abs, plan.offsets[end:]), default=0.0) < AT_PATH and self._sees(sight, plan)
+
     def _sees(self, sight: _Sight, plan: LateralPlan) -> bool:
         """Tell whether all of the road beside is in sight that somebody could come along before the car is back.
 
@@ -487,7 +493,8 @@ def _covers(body: Body, offset: float, station: float) -> bool:
 
 def _is_slow(body: Body, sight: _Sight) -> bool:
     """Tell whether a body stands or goes along slowly, so that it is worth going around."""
-    return abs(body.across) < CROSSES and body.along < sight.observation.desired_speed - SLOWER
+    desired = sight.observation.desired_speed
+    return abs(body.across) < CROSSES and body.along < max(desired - SLOWER, 0.5 * desired)
 
 
 def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:
