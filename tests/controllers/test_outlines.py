@@ -15,7 +15,7 @@ from controllers.sightings import Sighting
 from controllers.tracks import Track
 from tests.controllers.avoid_bench import LIDAR
 from tests.controllers.bench import ROAD
-from tests.sensors.scenes import FUSION, Row, actors, rear_axle
+from tests.sensors.scenes import FUSION, Row, actors, car, rear_axle
 from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.geometry import Box
 from vve_sumo.path import ReferencePath
@@ -183,3 +183,26 @@ def test_the_road_beside_is_in_sight_where_the_straight_line_to_it_is_free(radiu
     assert all(agreed)
     assert any(free)
     assert not all(free)
+
+
+def test_one_who_steps_out_between_two_cars_is_neither_a_part_of_one_nor_stands_while_he_is_hidden() -> None:
+    """Each car goes on in the direction that he is seen in: he was taken for a part of it, or lost, or stood."""
+    lidar, outlines = Lidar(LIDAR, np.random.default_rng(0), walls_of(())), Outlines(FUSION, "roof", 1.4, 1.9)
+    cars, size = [car(60.0, -0.4), car(67.0, -0.4)], TYPICAL["pedestrian"]
+    rates = []
+    for tick in range(86):
+        time = 0.02 * tick
+        pose = replace(rear_axle(38.0 + 8.0 * time, 2.4, 0.0, 8.0), time=time)
+        d = -1.0 + 1.2 * max(time - 0.6, 0.0)
+        person = (63.6, d, math.pi / 2.0, 1.2, size.length, size.width, 0.5)
+        outlines.step(
+            Observation(tick, time, pose, ROAD, 8.0, {"roof": lidar.output}, 0.0), ROAD.project(pose.x, pose.y)
+        )
+        scene = actors([*cars, person])
+        scene.height[2] = TYPICAL["pedestrian"].height
+        lidar.step(time, pose, scene)
+        lidar.prepare()
+        if time > 1.3:
+            places = [(math.hypot(body.s.mean() - 63.6, body.d.mean() - d), body) for body in outlines.bodies(time, [])]
+            rates.append(max((body.across for away, body in places if away < 0.4), default=0.0))
+    assert min(rates) > 0.8
