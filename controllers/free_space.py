@@ -23,8 +23,6 @@ HIDDEN: Final = 4.5  #: way along the path that a body may reach beyond what is 
 HIDDEN_SMALL: Final = 0.6  #: the same of a person or a bicycle [m]
 FOLLOWS: Final = 1.0  #: of that as much at most before and behind one that goes along [s]
 SPREAD_LIMIT: Final = 0.8  #: what is not known of a crossing body's place counts up to this [m]
-HIGHER: Final = 0.1  #: a body may be so much higher than it was seen, the car having come up to it [m]
-SEEN_PART: Final = 1.3  #: height of the part of a car that must be seen over what stands between [m]
 
 
 class Room(NamedTuple):
@@ -135,28 +133,3 @@ def _beside(
     beside: np.ndarray = (s + hidden + far >= at - nodes.rear) & (s - far <= at + nodes.front)
     spread = np.minimum(keeps.sigmas * body.sigma * times, SPREAD_LIMIT) if body.across else np.zeros(len(times))
     return beside, d, spread
-
-
-def sees(eye: tuple[float, float, float], place: tuple[float, float], bodies: Sequence[Body]) -> bool:
-    """Tell whether a lidar sees a car at a place on the path: nothing stands between, or it sees over it.
-
-    `eye` is the lidar's s, d and height over the road [m], `place` the s and d that is looked at
-    [m]. A body may reach beyond what is seen of it, along the path and upwards.
-    """
-    s, d, height = eye
-    far, aside = place[0] - s, place[1] - d
-    for body in bodies:
-        hidden = HIDDEN_SMALL if body.small else max(HIDDEN - float(np.ptp(body.s)), 0.5)
-        for along in (0.0, hidden):
-            reach = (body.s + along - s) / far
-            between = (reach > 0.0) & (reach < 1.0)
-            if not between.any():
-                continue
-            beside = body.d - d - reach * aside
-            left, right = (between & (beside > 0.0)).any(), (between & (beside <= 0.0)).any()
-            if not (left and right):
-                continue
-            share = float(reach[between].max())
-            if height - share * (height - SEEN_PART) < body.top + HIGHER:
-                return False
-    return True

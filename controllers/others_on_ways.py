@@ -15,6 +15,7 @@ from vve_sumo.values import Observation, PointCloud, Stations, Vehicle
 
 from .junction_ways import Conflict, Way
 from .lidar_detections import standing
+from .line_of_sight import in_sight
 from .sightings import AxleMotion, Memory
 from .trend import Trend
 
@@ -32,11 +33,7 @@ SURE: Final = 4  #: turns after which a speed is known
 #: flickers from turn to turn is not known so well
 STAYS, WAITS = 1.0, 2.0
 LENGTH: Final = 5.0  #: of a car [m]
-LOW, HIGH = 0.3, 1.4  #: between these heights over the road a car is seen [m]
-DEPTH: Final = 2.5  #: what returns from so little before a place does not hide the place [m]
 STEP: Final = 2.0  #: of the places of a way that are looked at [m]: between two of them no car fits
-HALF_SEEN: Final = 0.6  #: so far to both sides of a place its rays are looked at [m]
-FREE: Final = 0.5  #: share of these rays that must be free for the place to be in sight
 LOOKED: Final = 190.0  #: so far back along a way it is looked [m]
 BESIDE: Final = 1.6  #: a station's place is no farther from the middle of its way than this [m]
 SAME_WAY: Final = math.cos(math.radians(40.0))  #: of the greatest angle between a station and its way
@@ -163,30 +160,10 @@ class OthersOnWays:
     def _seen_from(self, conflict: Conflict, turn: PointCloud, axle: AxleMotion) -> float:
         """Return from where on a way is in sight up to the conflict [m]; the conflict's place for nowhere."""
         s = np.arange(conflict.reach, max(conflict.reach - LOOKED, 0.0), -STEP)
-        seen = self._visible(*conflict.way.at(s), turn, axle)
+        seen = in_sight(*conflict.way.at(s), turn, axle, self._forward, self._height, self._range)
         # One place that is not seen is too short for a car.
         hidden = np.flatnonzero(~seen[1:] & ~seen[:-1]) if len(seen) > 1 else np.flatnonzero(~seen)
         return float(s[hidden[0]]) if len(hidden) else float(s[-1])
-
-    def _visible(self, x: np.ndarray, y: np.ndarray, turn: PointCloud, axle: AxleMotion) -> np.ndarray:
-        """Return whether the lidar would see a car at places of the map: most of the rays to it go so far."""
-        cos, sin = math.cos(axle.heading), math.sin(axle.heading)
-        east, north = x - axle.x - self._forward * cos, y - axle.y - self._forward * sin
-        far = np.hypot(east, north)
-        if not len(turn.azimuth):
-            return np.zeros(len(far), np.bool_)
-        step = math.tau / len(turn.azimuth)
-        azimuth = np.arctan2(north, east) - axle.heading
-        centre = (float(turn.azimuth[0]) - azimuth) / step
-        aside = np.arctan2(HALF_SEEN, np.maximum(far, 1.0)) / step
-        rays = np.rint(centre[:, None] + aside[:, None] * np.linspace(-1.0, 1.0, 5)).astype(np.intp) % len(turn.azimuth)
-        slope = np.tan(turn.elevation)
-        meets = (slope * far[:, None] > LOW - self._height) & (slope * far[:, None] < HIGH - self._height)
-        ranges = turn.range[rays] * np.cos(turn.elevation)
-        free = ((ranges == 0.0) | (ranges > far[:, None, None] - DEPTH)) & meets[:, None, :]
-        looked = 5.0 * meets.sum(axis=1)
-        visible: np.ndarray = (looked > 0.0) & (free.sum(axis=(1, 2)) >= FREE * looked) & (far < self._range)
-        return visible
 
     def _hear(self, stations: Stations) -> None:
         """Take in what stations say of themselves."""

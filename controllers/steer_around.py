@@ -23,7 +23,7 @@ from vve_sumo.values import Observation, Vehicle
 from . import follow_and_stop
 from .emergency import FIRST_ORDER_RAMP, JERK
 from .follow_and_stop import COMFORT_LIMIT, PERIOD, FollowAndStop, Way, steering_law
-from .free_space import LEFT, RIGHT, SPREAD_LIMIT, Margins, Nodes, Room, clearances, room, sees, side_of
+from .free_space import LEFT, RIGHT, SPREAD_LIMIT, Margins, Nodes, Room, clearances, room, side_of
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
 from .speed import SLOWING, SPEEDING_UP
@@ -51,7 +51,8 @@ URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0
 #: who comes the other way in the car's way is given way to by steering when he is so near [s]
 ONCOMING: Final = 4.0
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
-#: who is not slower than the car would be by so much is not gone around in comfort, nor who crosses [m/s]
+#: who is not slower than the car would be by so much [m/s], or half as fast, is not gone around in comfort, nor who
+#: crosses
 SLOWER: Final = 2.0
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
@@ -63,6 +64,7 @@ WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
 BACK_SHARE, WAITS = 2.0, 4.0
 BACK: Final = 0.6  #: a car that waits no farther beside its path is out of the way of who comes the other way [m]
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
+LOOKS_FROM, LOOKS_EVERY = 6.0, 3.0  #: the places of the road beside that must be in sight [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
 #: portions of work on a decision in one tick, of about a millisecond each; a tick that takes in a turn of the lidar has
@@ -108,7 +110,6 @@ class SteerAround:
         """`tuning` as in TUNING, numbers alone."""
         self._vehicle, self._planner, self._outlines = vehicle, planner, outlines
         self._left, self._right = tuning["left_m"], tuning["right_m"]
-        self._eye = tuning["forward_m"], tuning["height_m"]
         self._lateral, self._brakes = tuning["lateral_acceleration_m_s2"], bool(tuning["emergency"])
         self._line: WayAround | None = None
         self._along: float | None = None  # place along the way [m]
@@ -130,7 +131,7 @@ class SteerAround:
             sight = self._sight(observation, projection)
             self._in_path = _in_path(sight)
             # What was still being decided on by an older turn is out of date.
-            self._decision = self._deciding(sight)
+            self._decision = self._deciding(sight, self._decision is not None)
             self._decide(1)
         else:
             self._decide(PORTIONS)
@@ -177,8 +178,12 @@ class SteerAround:
             if next(self._decision, _DECIDED) is _DECIDED:
                 self._decision = None
 
-    def _deciding(self, sight: _Sight) -> Generator[None, None, None]:
-        """Decide, and yield after each portion of work; what is decided counts once it is."""
+    def _deciding(self, sight: _Sight, was_cut_off: bool) -> Generator[None, None, None]:
+        """Decide, and yield after each portion of work; what is decided counts once it is.
+
+        Where the decision by the turn before was cut off, it was looking for a new way in comfort, and had not come to
+        what is done without one. That comes first now: else the car would go on along a way that is not free any more.
+        """
         times = times_at(sight.speeds, SPACING)
         asking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
         blocking = [body for body in asking if not _comes_nearer(body)]
@@ -187,7 +192,7 @@ class SteerAround:
             self._free = 0
             return
         plan = None
-        if all(_is_slow(body, sight) for body in blocking):
+        if (self._line is None or not was_cut_off) and all(_is_slow(body, sight) for body in blocking):
             plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
@@ -217,14 +222,17 @@ class SteerAround:
         if blocking and self._is_free(sight, self._keeps(sight)):
             self._keep(sight)
             return True
-        waits = self._can_wait(sight, blocking)
-        if waits and (yield from self._go_back(sight, BACK)):
+        back = (yield from self._way_back(sight)) if self._can_wait(sight, blocking) else None
+        if back is not None and self._beside_at_rest(sight, back) < BACK:
+            self._adopt(sight, back, urgent=False)
             return True
         if blocking and self._is_free(sight, COMFORT):
             # Stopped halfway out it would be in the way of who comes.
             self._keep(sight)
             return True
-        return waits and (yield from self._go_back(sight, math.inf))
+        if back is not None:
+            self._adopt(sight, back, urgent=False)
+        return back is not None
 
     def _swerve(self, sight: _Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
@@ -290,7 +298,7 @@ class SteerAround:
             cap, sides = tries[place]
             speeds = self._creeping(sight, blocking, cap)
             plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
-            if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan, blocking)):
+            if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, plan)):
                 self._tried = 0
                 self._free += 1
                 yield
@@ -405,10 +413,15 @@ class SteerAround:
     def _keeps(self, sight: _Sight) -> Margins:
         return COMFORT if self._is_out(sight) else SETTING_OUT
 
-    def _sees(self, sight: _Sight, plan: LateralPlan, blocking: list[Body]) -> bool:
+    def _may_set_out(self, sight: _Sight, plan: LateralPlan) -> bool:
+        """Tell whether a way is back on its path before that ends, where the car stops, and is seen to be free."""
+        end = max(int(sight.observation.path.length / SPACING) - sight.first, 0)
+        return max(map(abs, plan.d[end:]), default=0.0) < AT_PATH and self._sees(sight, plan)
+
+    def _sees(self, sight: _Sight, plan: LateralPlan) -> bool:
         """Tell whether all of the road beside is in sight that somebody could come along before the car is back.
 
-        He is taken to be as fast as the car may be.
+        He is taken to be as fast as the car may be. Whoever is seen in that lane blocks the way of those behind him.
         """
         d = np.array(plan.d)
         out = np.flatnonzero(np.abs(d) > 0.5 * WANTED)
@@ -418,12 +431,10 @@ class SteerAround:
         last = int(out[-1])
         aside = float(d[np.abs(d).argmax()])
         fastest = sight.observation.desired_speed
-        needed = SPACING * last + fastest * (times[last] + REACTION)
-        forward, height = self._eye
-        eye = sight.here.s + forward, sight.here.d, height
-        until = min(needed, SIGHT)
-        looks = np.arange(SPACING * 4, until, 3.0).tolist()
-        return all(sees(eye, (sight.here.s + look, aside), blocking) for look in looks)
+        until = sight.here.s + min(SPACING * last + fastest * (times[last] + REACTION), SIGHT)
+        until = min([until, *(float(body.s.min()) for body in sight.bodies if _covers(body, aside, sight.here.s))])
+        places = np.arange(sight.here.s + LOOKS_FROM, until, LOOKS_EVERY).tolist()
+        return self._outlines.in_sight(sight.observation.path, places, aside)
 
     # The way itself.
 
@@ -434,23 +445,16 @@ class SteerAround:
             return
         self._lay(sight, plan, urgent)
 
-    def _go_back(self, sight: _Sight, within: float) -> Generator[None, None, bool]:
-        """Come back to the path, and brake there for what is in it, if the car is `within` so much of it at rest [m].
-
-        Tell whether it does.
-        """
+    def _way_back(self, sight: _Sight) -> Planning:
+        """Return the way back to the path, where the car brakes for what is in it."""
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         task = self._task(sight, (), COMFORT, limits, sight.speeds)
-        alone = task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES))
-        plan = yield from self._planner.planning(alone)
-        if plan is None:
-            return False
+        return self._planner.planning(task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES)))
+
+    def _beside_at_rest(self, sight: _Sight, plan: LateralPlan) -> float:
+        """Return how far beside its path the car comes to rest on a way, slowing in comfort [m]."""
         rest = sight.here.s + self._slowing(sight, 0.0)
-        node = min(round(rest / SPACING) - sight.first, NODES - 1)
-        if abs(plan.d[node]) > within:
-            return False
-        self._adopt(sight, plan, urgent=False)
-        return True
+        return abs(plan.d[min(round(rest / SPACING) - sight.first, NODES - 1)])
 
     def _go_on(self, sight: _Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
@@ -481,9 +485,16 @@ def _comes_nearer(body: Body) -> bool:
     return body.along < -SLOWER
 
 
+def _covers(body: Body, d: float, ego_s: float) -> bool:
+    """Tell whether a body ahead of the car covers a line `d` beside the path, so that nobody comes along it [m]."""
+    ahead = body.s > ego_s + LOOKS_FROM
+    return bool((ahead & (body.d <= d)).any() and (ahead & (body.d >= d)).any())
+
+
 def _is_slow(body: Body, sight: _Sight) -> bool:
     """Tell whether a body stands or goes along slowly, so that it is worth going around."""
-    return abs(body.across) < CROSSES and body.along < sight.observation.desired_speed - SLOWER
+    desired = sight.observation.desired_speed
+    return abs(body.across) < CROSSES and body.along < max(desired - SLOWER, 0.5 * desired)
 
 
 def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:

@@ -64,7 +64,7 @@ def outline(polygon: Polygon, path: ReferencePath) -> Body:
     ring = polygon.exterior
     points = np.array([ring.interpolate(at).coords[0] for at in np.arange(0.0, ring.length, 0.1)])
     s, d = path.locate(points[:, 0], points[:, 1], -20.0, 200.0)
-    return Body(s, d, 0.0, 0.0, 0.0, 1.5)
+    return Body(s, d, 0.0, 0.0, 0.0)
 
 
 def swept(path: ReferencePath, plan: LateralPlan, nodes: Nodes) -> tuple[ReferencePath, list[Polygon]]:
@@ -254,7 +254,7 @@ def test_a_car_that_leaves_its_path_obliquely_is_as_near_as_its_polygon(
     nodes, side, turn = nodes_of(road(0.0)), 1.0 if left else -1.0, math.atan(slope)
     way_d = slope * (nodes.s - 30.0)
     post = Place(place, slope * (place - 30.0) + side * (0.5 * CAR.width + away) / math.cos(turn))
-    body = Body(np.array([post.x]), np.array([post.y]), 0.0, 0.0, 0.0, 1.0)
+    body = Body(np.array([post.x]), np.array([post.y]), 0.0, 0.0, 0.0)
     found = clearances(nodes, times_at((5.0,) * COUNT, SPACING), way_d.tolist(), body, KEEPS)
     middle = CAR.rear_axle_to_bumper - 0.5 * CAR.length
     for s, d, clear in zip(nodes.s.tolist(), way_d.tolist(), found, strict=True):
@@ -268,7 +268,7 @@ def test_a_car_that_leaves_its_path_obliquely_is_as_near_as_its_polygon(
 def test_room_beside_one_who_crosses_is_where_he_will_be() -> None:
     """The car is at node 20 after 3 s; he walks left at 1 m/s from 3 m right: he is in the middle then."""
     nodes = nodes_of(road(0.0))
-    walker = Body(np.array([31.0, 31.4]), np.array([-3.2, -2.8]), 0.0, 1.0, 0.0, 1.7)
+    walker = Body(np.array([31.0, 31.4]), np.array([-3.2, -2.8]), 0.0, 1.0, 0.0)
     times = times_at((10.0,) * COUNT, SPACING)
     clear = clearances(nodes, times, [0.0] * COUNT, walker, KEEPS)
     node = int(np.argmin(clear))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapely.geometry import MultiPoint, Polygon
+from shapely.geometry import LineString, MultiPoint, Polygon
 from shapely.geometry import Point as Place
 
 from controllers.outlines import Body, Outlines
@@ -15,10 +15,12 @@ from controllers.sightings import Sighting
 from controllers.tracks import Track
 from tests.controllers.avoid_bench import LIDAR
 from tests.controllers.bench import ROAD
-from tests.sensors.scenes import FUSION, Row, actors, rear_axle
+from tests.sensors.scenes import FUSION, Row, actors, car, rear_axle
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.geometry import Box
+from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.lidar import Lidar
-from vve_sumo.sensors.street import walls_of
+from vve_sumo.sensors.street import Building, Walls, walls_of
 from vve_sumo.values import Observation
 
 
@@ -116,3 +118,91 @@ def test_who_comes_beyond_the_lidars_sight_lies_beyond_the_point_that_a_radar_se
     assert (float(body.d.min()), float(body.d.max())) == pytest.approx((low, high))
     assert (float(body.s.min()), float(body.s.max())) == pytest.approx((120.0 - 1.8, 125.0 - 1.8))
     assert (body.along, body.across) == (-9.0, 0.0)
+
+
+def bend(radius: float, straight: float = 40.0, ramp: float = 20.0) -> ReferencePath:
+    """A path that is straight first, and then bends by a radius [m], left positive."""
+    curvature = np.clip((np.arange(250.0) - straight) / ramp, 0.0, 1.0) / radius
+    heading = np.concatenate(([0.0], np.cumsum(curvature)))
+    return ReferencePath.from_points(np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)))
+
+
+def looked(path: ReferencePath, station: float, row: Row, kind: str, walls: Walls) -> Outlines:
+    """What is known of a body by a car that has stood at a station for half a second, once it has seen it."""
+    at, lidar = path.at(station), Lidar(LIDAR, np.random.default_rng(3), walls)
+    outlines = Outlines(FUSION, "roof", 1.4, 1.9)
+    for tick in range(26):
+        pose = replace(rear_axle(at.x, at.y, at.heading), time=0.02 * tick)
+        seen = Observation(tick, 0.02 * tick, pose, path, 8.0, {"roof": lidar.output}, 0.0)
+        outlines.step(seen, path.project(pose.x, pose.y))
+        lidar.step(0.02 * tick, pose, actors([row], kind=kind))  # type: ignore[arg-type]
+        lidar.prepare()
+    return outlines
+
+
+def beside(path: ReferencePath, station: float, offset: float, kind: str = "car") -> Row:
+    at, size = path.at(station), TYPICAL[kind]
+    x, y = at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading)
+    return x, y, at.heading, 0.0, size.length, size.width, 10.0
+
+
+@pytest.mark.parametrize("radius", [40.0, -40.0, 60.0, -60.0, 100.0, -100.0])
+def test_in_a_bend_it_sees_along_the_path_and_not_along_the_cars_axis(radius: float) -> None:
+    """A car 70 m ahead on the other lane is up to 40 m beside the axis."""
+    path = bend(radius)
+    row = beside(path, 110.0, 3.3)
+    found = looked(path, 40.0, row, "car", walls_of(())).bodies(0.5, [])
+    assert found
+    assert all(math.hypot(body.s.mean() - 110.0, body.d.mean() - 3.3) < 3.0 for body in found)
+
+
+@pytest.mark.parametrize(("radius", "house"), [(-40.0, False), (-80.0, False), (40.0, True), (60.0, True)])
+def test_the_road_beside_is_in_sight_where_the_straight_line_to_it_is_free(radius: float, house: bool) -> None:
+    """Between the eye and a place beside the path: a van in the way, and a house on the inner side of the bend."""
+    path, station = bend(radius), 30.0
+    van, at = beside(path, 55.0, 0.0, "van"), path.at(70.0)
+    inner = math.copysign(7.0, radius)
+    corners = Box(
+        at.x - inner * math.sin(at.heading), at.y + inner * math.cos(at.heading), at.heading, 9.0, 6.0
+    ).corners()
+    stands = [polygon(van)] + [Polygon(corners)] * house
+    walls = walls_of((Building(tuple(map(tuple, corners)), 8.0),) if house else ())
+    outlines, here = looked(path, station, van, "van", walls), path.at(station)
+    eye = here.x + 1.4 * math.cos(here.heading), here.y + 1.4 * math.sin(here.heading)
+    agreed, free = [], []
+    for s in np.arange(36.0, 105.0, 3.0).tolist():
+        x, y, *_ = beside(path, s, 3.3)
+        line = LineString([eye, (x, y)])
+        away = min(body.distance(line) for body in stands)
+        if (0.0 < away < 0.8) or any(0.0 < body.intersection(line).length < 1.5 for body in stands):
+            continue  # partly hidden
+        if line.length > 80.0:
+            continue
+        free.append(away > 0.0)
+        agreed.append(outlines.in_sight(path, [s], 3.3) == free[-1])
+    assert all(agreed)
+    assert any(free)
+    assert not all(free)
+
+
+def test_one_who_steps_out_between_two_cars_is_neither_a_part_of_one_nor_stands_while_he_is_hidden() -> None:
+    """Each car goes on in the direction that he is seen in: he was taken for a part of it, or lost, or stood."""
+    lidar, outlines = Lidar(LIDAR, np.random.default_rng(0), walls_of(())), Outlines(FUSION, "roof", 1.4, 1.9)
+    cars, size = [car(60.0, -0.4), car(67.0, -0.4)], TYPICAL["pedestrian"]
+    rates = []
+    for tick in range(86):
+        time = 0.02 * tick
+        pose = replace(rear_axle(38.0 + 8.0 * time, 2.4, 0.0, 8.0), time=time)
+        d = -1.0 + 1.2 * max(time - 0.6, 0.0)
+        person = (63.6, d, math.pi / 2.0, 1.2, size.length, size.width, 0.5)
+        outlines.step(
+            Observation(tick, time, pose, ROAD, 8.0, {"roof": lidar.output}, 0.0), ROAD.project(pose.x, pose.y)
+        )
+        scene = actors([*cars, person])
+        scene.height[2] = TYPICAL["pedestrian"].height
+        lidar.step(time, pose, scene)
+        lidar.prepare()
+        if time > 1.3:
+            places = [(math.hypot(body.s.mean() - 63.6, body.d.mean() - d), body) for body in outlines.bodies(time, [])]
+            rates.append(max((body.across for away, body in places if away < 0.4), default=0.0))
+    assert min(rates) > 0.8

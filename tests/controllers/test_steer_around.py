@@ -284,3 +284,46 @@ def test_at_speed_too_every_command_begins_where_the_car_is(module: ModuleType) 
     found = drive(around(module), ROAD, 16.0, [bicycle], 9.0, kinds=["bicycle"], until=130.0)
     assert found.least > CLEAR
     assert commanded(found)
+
+
+@pytest.mark.thorough(witnesses=1)
+@pytest.mark.parametrize(
+    ("module", "radius", "start"),
+    [(elastic_band, -60.0, 190.0), (frenet_sampling, 60.0, 160.0)],
+    ids=["band", "sampling"],
+)
+def test_who_comes_the_other_way_around_a_bend_goes_first(module: ModuleType, radius: float, start: float) -> None:
+    """Until he is near he is farther beside the car's axis than beside the path."""
+    curvature = np.clip((np.arange(400.0) - 40.0) / 20.0, 0.0, 1.0) / radius
+    heading = np.concatenate(([0.0], np.cumsum(curvature)))
+    path = ReferencePath.from_points(np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)))
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        at = path.at(start - 8.0 * time)
+        x, y = at.x - 3.3 * math.sin(at.heading), at.y + 3.3 * math.cos(at.heading)
+        return x, y, at.heading + math.pi, 8.0 * (1.0 - 3.3 * at.curvature)
+
+    stands = path.at(90.0)
+    found = drive(around(module), path, 8.0, [steady(stands.x, stands.y, 0.0, stands.heading), Body(place)], 15.0)
+    assert found.least > CLEAR
+
+
+@pytest.mark.thorough(witnesses=1)
+@pytest.mark.parametrize(("length", "passes"), [(90.0, False), (130.0, True)])
+def test_it_waits_where_it_would_come_to_its_end_beside_the_path(length: float, passes: bool) -> None:
+    path = ReferencePath.from_points([0.0, length], [0.0, 0.0])
+    found = drive(around(elastic_band), path, 8.0, [steady(60.0, 0.0)], 14.0, until=length - 5.0)
+    assert (found.s[-1] > 70.0) == passes
+    assert abs(found.offset[-1]) < 0.15
+
+
+def test_a_slow_car_goes_around_what_stands() -> None:
+    found = drive(around(elastic_band), ROAD, 2.0, [steady(28.0, 0.0)], 4.0)
+    assert commanded(found)
+
+
+def test_who_may_be_a_part_of_a_car_far_away_does_not_cross() -> None:
+    """A few rays meet a car 70 m away, and not all come back: taken for one who crosses, it was driven up to."""
+    found = drive(around(frenet_sampling), ROAD, 18.0, [steady(110.0, 0.0)], 8.0)
+    assert found.least > CLEAR
+    assert not found.emergency.any()
