@@ -314,7 +314,7 @@ def test_it_waits_where_it_would_come_to_its_end_beside_the_path(length: float, 
     path = ReferencePath.from_points([0.0, length], [0.0, 0.0])
     found = drive(around(elastic_band), path, 8.0, [steady(60.0, 0.0)], 14.0, until=length - 5.0)
     assert (found.s[-1] > 70.0) == passes
-    assert abs(found.offset[-1]) < 0.15
+    assert abs(found.d[-1]) < 0.15
 
 
 def test_a_slow_car_goes_around_what_stands() -> None:
