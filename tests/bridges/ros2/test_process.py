@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
+from tests import isolated
 from tests.bridges.ros2.stage import write_rig
 from vve_sumo.bridges.ros2.process import WIRES, Node, places_of, senses_of
 from vve_sumo.cli import main
@@ -71,16 +72,15 @@ def test_a_name_that_cannot_be_a_topic_is_refused(tmp_path: Path, names: tuple[s
         senses_of(_rig(tmp_path, (SCENE, wires + SCENE)))
 
 
-def test_a_port_that_is_taken_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_that_is_taken_is_one_line(tmp_path: Path) -> None:
+    """In a process of its own: the bridge asks for a priority and for signals, and keeps them."""
     pytest.importorskip("cyclonedds", reason="needs pip install 'vve-sumo[ros2]'")
-    monkeypatch.chdir(tmp_path)
     port = write_rig(tmp_path)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", port))
-        assert main(["ros2", "parked_car", "--rig", "ros2.toml"]) == 3
-    assert f"udp 127.0.0.1:{port}: cannot be listened on" in capsys.readouterr().err
+        done = isolated.command("ros2", "parked_car", "--rig", "ros2.toml", cwd=tmp_path)
+    assert done.returncode == 3
+    assert f"udp 127.0.0.1:{port}: cannot be listened on" in done.stderr
 
 
 def test_an_empty_node_is_refused_before_anything_is_opened(
