@@ -24,7 +24,7 @@ metric(
     "max_yaw_rate_radps",
     "maximum yaw rate",
     "greatest size at any tick",
-    lambda drive: greatest(np.abs(drive.column("yaw_rate_radps"))),
+    lambda drive: maximum(np.abs(drive.column("yaw_rate_radps"))),
     worse="higher",
     source="a book",
 )
