@@ -57,6 +57,7 @@ SLOWER: Final = 2.0
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
 SLOWS: Final = 1.0  #: and from so much more it slows down to one of them [m/s]
+STANDS: Final = 0.2  #: a car that is no faster has come to rest [m/s]
 AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
 ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew where the car is [m]
 WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
@@ -166,7 +167,8 @@ class SteerAround:
             limit = min(observation.desired_speed, math.sqrt(self._lateral / max(abs(bend), 1e-6)))
             speed = math.sqrt(min(speed * speed + 2.0 * SPEEDING_UP * SPACING, max(limit, speed) ** 2))
             speeds.append(max(speed, 0.5))
-        return _Sight(observation, here, self._bodies, nodes, speeds, first)
+        bodies = [body for body in self._bodies if not _is_gone(body, here.s - self._vehicle.rear_overhang)]
+        return _Sight(observation, here, bodies, nodes, speeds, first)
 
     # What to do, once a turn. The ticks until the next turn share the work, so that no tick is held up.
 
@@ -204,18 +206,23 @@ class SteerAround:
             self._go_on(sight)
 
     def _gives_up(self, sight: _Sight, blocking: list[Body]) -> bool:
-        """Give up a way if the car is still on its path and has no use for it any more; tell whether it did.
+        """Give up a way for which the car has no use any more; tell whether it did.
 
-        That is one in comfort that is not free, and an urgent one where braking is not too late after all.
+        That is, while the car is still on its path, one in comfort that is not free, where the car can slow down behind
+        what is there, and an urgent one where braking is not too late after all; and an urgent one on which
+        the car has come to rest: it leads past bodies nearer than anybody would set out to go.
         """
         assert self._line is not None
-        if abs(sight.here.d) > AT_PATH:
-            return False
-        useful = self._hurries if self._line.urgent else blocking and self._is_free(sight, self._keeps(sight))
-        if useful:
-            return False
-        self._line = self._along = None
-        return True
+        if self._line.urgent:
+            useful = self._hurries or (abs(sight.here.d) > AT_PATH and sight.observation.pose.speed > STANDS)
+        elif abs(sight.here.d) > AT_PATH:
+            useful = True
+        else:
+            free = self._is_free(sight, self._keeps(sight)) or not self._can_wait(sight, blocking)
+            useful = bool(blocking) and free
+        if not useful:
+            self._line = self._along = None
+        return not useful
 
     def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
         """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
@@ -483,6 +490,11 @@ def _in_path(sight: _Sight) -> list[Body]:
 def _comes_nearer(body: Body) -> bool:
     """Tell whether a body comes the other way: it goes first, and nobody goes around it in comfort."""
     return body.along < -SLOWER
+
+
+def _is_gone(body: Body, rear: float) -> bool:
+    """Tell whether a body that came the other way is behind the car's rear, whose s this is [m]."""
+    return _comes_nearer(body) and float(body.s.max()) < rear
 
 
 def _covers(body: Body, d: float, ego_s: float) -> bool:

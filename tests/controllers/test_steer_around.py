@@ -327,3 +327,26 @@ def test_who_may_be_a_part_of_a_car_far_away_does_not_cross() -> None:
     found = drive(around(frenet_sampling), ROAD, 18.0, [steady(110.0, 0.0)], 8.0)
     assert found.least > CLEAR
     assert not found.emergency.any()
+
+
+@pytest.mark.thorough(witnesses=1)
+@pytest.mark.parametrize("begins", [112.0, 104.0, 120.0])
+def test_who_has_gone_by_is_no_reason_to_give_up_a_way(begins: float) -> None:
+    """One who comes passes the car while that sets out, too late for it to slow down behind what stands."""
+    comes = Body(lambda time: (begins - 10.8 * time, 3.08, math.pi, 10.8))
+    found = drive(around(elastic_band), ROAD, 9.58, [steady(83.0, -0.05), comes], 25.0, start=4.0, until=150.0)
+    assert found.s[-1] > 150.0
+    assert found.least > CLEAR
+    assert abs(found.d[-1]) < 0.15
+    assert found.d.min() > -0.5
+
+
+def test_a_car_that_has_come_to_rest_in_a_swerve_does_not_squeeze_past() -> None:
+    """A car is in its path from a moment on, 9 m ahead at 8 m/s: braking fully it stops 0.3 m behind."""
+    appears, place = 4.0, 8.0 * 4.0 + CAR.rear_axle_to_bumper + 9.0 + 2.25
+    late = Body(lambda time: (place, -0.8 if time > appears else -12.0, 0.0, 0.0))
+    found = drive(around(elastic_band), ROAD, 8.0, [late], 14.0)
+    rest = int(np.argmax(found.speed < 0.05))
+    assert found.clearance[rest] > 0.2
+    assert found.clearance[rest:].min() > found.clearance[rest] - 0.01
+    assert found.speed[rest:].max() < 0.1
