@@ -28,7 +28,8 @@ LOOKS: Final = ("AppearanceAction",)
 ROUTES: Final = ("AssignRouteAction", "AcquirePositionAction")
 PATHS: Final = (*ROUTES, "FollowTrajectoryAction")
 #: what leads an entity off the path that it is on
-LEADING_OFF: Final = (*PATHS, "TeleportAction", "LaneChangeAction", "LaneOffsetAction", "LateralDistanceAction")
+LATERAL: Final = ("LaneChangeAction", "LaneOffsetAction", "LateralDistanceAction")
+LEADING_OFF: Final = (*PATHS, "TeleportAction", *LATERAL)
 
 
 @dataclass(slots=True)
@@ -44,6 +45,11 @@ class Stage:
     ego_place: Callable[[Element, Scope], tuple[float, float]] = lambda _element, _scope: (0.0, 0.0)
     controlled: set[str] = field(default_factory=set)  #: entities that have a controller of their own
     begun: set[int] = field(default_factory=set)  #: identities of elements of the story that are part of the start
+    sidewards: dict[str, set[str]] = field(default_factory=dict)  #: what of lateral kinds a story has each entity do
+    laid: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
+    """Changes that the ego's path has in it, by the number of their manoeuvre and the identity of their element: the
+    ways from the start to where each begins and is over [m]."""
+    not_laid: dict[tuple[int, int], NotTakenError] = field(default_factory=dict)  #: why others are not in it
 
     def id(self, element: Element, name: str) -> str:
         """Return an entity's id; raises NotTakenError for none."""
@@ -220,6 +226,7 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         other = stage.tracks.get(name)
         if other is None or other.lane is None or other.road != track.road:
             raise NotTakenError(relative, f"the lane of {name!r} on the road of {who} is not known")
+        _steady(relative, name, who, stage, "LaneChangeAction", "LateralDistanceAction")
         lane = neighbour(other.lane, scope.whole(relative, "value") * other.sense)
     own = stage.ids[who]
     moved = lane_track(
@@ -229,6 +236,12 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     offset = scope.number(of, "targetLaneOffset", 0.0) * track.sense
     stage.tracks[who] = replace(moved, path_d=offset)
     return {"line": {"path": moved.path, "offset_m": offset} | reached}
+
+
+def _steady(of: Element, name: str, who: str, stage: Stage, *tags: str) -> None:
+    """Raise NotTakenError where an entity other than `who` itself does by then what one of the names says."""
+    if name != who and not stage.sidewards.get(name, set()).isdisjoint(tags):
+        raise NotTakenError(of, f"what counts from {name!r}, which changes lane or offset itself, is not taken")
 
 
 def _t(track: Track, stage: Stage) -> float:
@@ -265,6 +278,7 @@ def _beside(of: Element, scope: Scope, track: Track, stage: Stage) -> float:
     other = stage.track(of, name := scope.text(of, "entityRef"))
     if other.road is None or other.lane is None or (other.road, other.lane) != (track.road, track.lane):
         raise NotTakenError(of, f"an offset relative to {name}, which is not in the same lane, is not taken")
+    _steady(of, name, "", stage, *LATERAL)
     # Both count left of the road's reference line; the ego keeps the offset that it begins with.
     return (other.path_d * other.sense + scope.number(of, "value")) * track.sense
 

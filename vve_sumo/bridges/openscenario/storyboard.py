@@ -5,6 +5,7 @@ Knows actions, triggers and places; it must not know files that are written.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -20,6 +21,7 @@ from vve_sumo.bridges.openscenario.actions import (
     read_action,
 )
 from vve_sumo.bridges.openscenario.document import Document
+from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, Laid, Ride, fires_at
 from vve_sumo.bridges.openscenario.entities import slug
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled, latched
@@ -89,10 +91,101 @@ class Storyboard:
             timed = [kind for kind in kinds if kind.child("TimeReference", "Timing") is not None]
             yield from ((kind, event.scope) for kind in kinds if begins and not timed)
 
+    @property
+    def actors(self) -> set[str]:
+        """The names of all entities that the story has do anything."""
+        return {actor for event in self._events for actor in event.actors}
+
+    def doing(self, who: str) -> Iterator[tuple[Event, Element]]:
+        """Yield what the story has an entity do, with the event of each."""
+        for event in self._events:
+            for one in event.actions if who in event.actors else ():
+                if (kind := _private_kind(one)) is not None:
+                    yield event, kind
+
+    def lay(self, path: EgoPath) -> EgoPath:
+        """Return the ego's path with the changes of the storyboard in it; what is not goes to the stage's `not_laid`.
+
+        Use a storyboard of its own for that: it knows nothing of what others do.
+        """
+        for event in self._events:
+            self._name_actions(event)
+            if path.name in event.actors or any(one.child("PrivateAction") is None for one in event.actions):
+                event.states[0].unknown = f"nobody knows when {event.element.where} {event.name!r} is over"
+                for state in event.states[1:]:
+                    state.waits_for.append(event.states[0])
+        for event in self._events:
+            self._markers(event)
+        for event, kind in self.doing(path.name):
+            try:
+                path = self._with_change(path, event, kind) if kind.tag in CHANGES else path
+            except NotTakenError as error:
+                self._stage.not_laid[event.maneuver, id(kind)] = error
+        return path
+
+    def _with_change(self, path: EgoPath, event: Event, kind: Element) -> EgoPath:
+        self._on(path)
+        armed, when = self._triggers(event)
+        if armed is None or when is None:
+            return path  # it never begins
+        if event.times > 1:
+            raise NotTakenError(kind, "a change of lane or offset of the ego that repeats is not taken")
+        begin = fires_at(armed, when, path.ride, kind)
+        if begin == math.inf:
+            raise NotTakenError(kind, "at the ego's speed at the start it begins nowhere on the ego's path")
+        before, key = self._stage.tracks[path.name], (event.maneuver, id(kind))
+        changed, made = path.with_change(kind, event.scope, begin)
+        self._stage.laid[key] = begin - path.ride.begin, made.end - path.ride.begin
+        self._known_by_place(event)
+        try:
+            self._on(changed)
+            self._uninterrupted(event, kind, changed.ride, made)
+        except NotTakenError:
+            del self._stage.laid[key]
+            self._stage.tracks[path.name] = before
+            event.states[0].unknown = "the ego's change is not taken"
+            raise
+        return changed
+
+    def _on(self, path: EgoPath) -> None:
+        """Have places count along a path from now on, those of triggers that are known already, too."""
+        self._context.place = path.place
+        self._acts.clear()
+        self._stops.clear()
+
+    def _known_by_place(self, event: Event) -> bool:
+        """Take down where an event of changes that are all in the ego's path begins and is over; whether it is one."""
+        own = [self._stage.laid.get((event.maneuver, id(_private_kind(one)))) for one in event.actions]
+        ways = [way for way in own if way is not None]
+        if not ways or len(ways) < len(own):
+            return False
+        event.states[0].unknown = ""
+        event.states[0].begins([[_gone(min(begin for begin, _ in ways))]])
+        for one, (_, end) in zip(event.actions, ways, strict=True):
+            self._state_of_action(event, one).markers.append([[_gone(end)]])
+        for state in event.states:
+            state.markers.append([[_gone(max(end for _, end in ways))]])
+        return True
+
+    def _uninterrupted(self, event: Event, kind: Element, ride: Ride, made: Laid) -> None:
+        """Raise NotTakenError where another event or its act's stop trigger ends a change before it is over."""
+        for other in self._events:
+            overrides = other.scope.text(other.element, "priority", "parallel") in OVERRIDING
+            if other is event or other.maneuver != event.maneuver or not overrides:
+                continue
+            armed, when = self._triggers(other)
+            if armed is not None and when is not None and made.begin <= fires_at(armed, when, ride, kind) < made.end:
+                raise NotTakenError(kind, f"{other.name!r} ends the ego's change before it is over")
+        stop = self._stop_of(event)
+        if stop and fires_at([], stop, ride, kind) < made.end:
+            raise NotTakenError(kind, "its act is stopped before the ego's change is over")
+
     def compile(self) -> Groups:
         """Fill `stories` and return the groups of the trigger that ends the drive; [] where nothing ends it."""
         for event in self._events:
             self._name_actions(event)
+        for event in self._events:
+            self._unnamed(event)
         for event in self._events:
             self._repeats(event)
         for event in self._events:
@@ -191,6 +284,16 @@ class Storyboard:
             known = event.of_actions[id(action)] = self._state("action", action, *event.states)
         return known
 
+    def _unnamed(self, event: Event) -> None:
+        """Note of an event that has other actions than those of actors whether anybody knows when it is over."""
+        where = f"{event.element.where} {event.name!r}"
+        if not event.actions:
+            self._forget(event, f"{where} changes nothing here")
+        elif any(one.child("PrivateAction") is None and not list(_variable_actions(one)) for one in event.actions):
+            self._forget(event, f"nobody knows when {where} is over")
+        elif any(self._stage.ids.get(actor) == EGO for actor in event.actors) and not self._known_by_place(event):
+            self._forget(event, f"{where}: the ego's controller decides when it is over")
+
     def _repeats(self, event: Event) -> None:
         """Note that nobody knows when an event that repeats is over for good."""
         try:
@@ -268,6 +371,8 @@ class Storyboard:
         for one in event.actions:
             if one.child("GlobalAction") is not None and not list(_variable_actions(one)):
                 self._global(event, one)
+            elif one.child("PrivateAction") is None and one.child("GlobalAction") is None:
+                raise NotTakenError(one.children[0] if one.children else one, "this action is not taken")
         if not private:
             if not event.actions:
                 self._forget(event, f"{event.element.where} {event.name!r} changes nothing here")
@@ -278,7 +383,8 @@ class Storyboard:
             event.states[0].begins(None)
             self._forget(event, f"the event {event.name!r} never begins")
             return
-        event.states[0].begins(armed + when if not (armed and when) else when)
+        if not event.states[0].markers:
+            event.states[0].begins(armed + when if not (armed and when) else when)
         names, taken = iter(event.names), list[tuple[str, Action]]()
         only_ego = all(self._stage.ids.get(actor) == EGO for actor in event.actors)
         until = [] if only_ego else self._stop_of(event)
@@ -300,9 +406,16 @@ class Storyboard:
 
     def _of_ego(self, event: Event, kind: Element, ego: str) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
-        begun = id(kind) in self._stage.begun
+        begun, key = id(kind) in self._stage.begun, (event.maneuver, id(kind))
+        if key in self._stage.laid:
+            begin, end = self._stage.laid[key]
+            self._problems.note(
+                f"{event.element.where} {event.name!r}: the ego's path follows its {kind.tag}, {begin:.1f} m to "
+                f"{end:.1f} m from the start"
+            )
+            return
         if kind.tag in LEADING_OFF and not begun:
-            raise NotTakenError(
+            raise self._stage.not_laid.get(key) or NotTakenError(
                 kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
             )
         why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
@@ -368,6 +481,20 @@ class Storyboard:
             self._problems.note(f"{error}: it does not end the drive")
             return []
         return groups if acts else []
+
+
+def _private_kind(action: Element) -> Element | None:
+    """Return what a private action of an event does, None where that is none."""
+    private = action.child("PrivateAction")
+    try:
+        return None if private is None else kind_of(private)
+    except NotTakenError:
+        return None
+
+
+def _gone(way: float) -> dict[str, Any]:
+    """Return the condition that the ego has gone a way [m] since the start."""
+    return {"travelled_m": round(way, 4), "rule": ">="}
 
 
 def _is_stopped(act: Element) -> bool:

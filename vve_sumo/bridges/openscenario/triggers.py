@@ -49,6 +49,7 @@ class ElementState:
     unknown: str = ""  #: why nobody knows when it ends; empty where it is known
     repeats: bool = False  #: whether something in it is done several times
     outer: tuple[ElementState, ...] = ()  #: what it is in
+    waits_for: list[ElementState] = field(default_factory=list)  #: what in it has to be known for its end to be
 
     def begins(self, start: Groups | None) -> None:
         """Take down when it begins."""
@@ -65,6 +66,7 @@ class Context:
     variables: dict[str, list[tuple[str, Groups | None]]]  #: values that events set, with their triggers
     initial: Mapping[str, str]  #: values of variables at the start
     within: Sequence[ElementState] = ()  #: what the condition that is read is in
+    changes: bool = False  #: whether the ego's path changes lane or offset
 
     def element(self, kind: str, name: str) -> ElementState | None:
         """Return what a condition means by a name: of several the one that it has most in common with, None for none.
@@ -216,8 +218,8 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
         if not known.started:
             raise NotTakenError(of, f"nobody knows when the {kind} {name!r} begins")
         return latched(of, known.start, delay)
-    if known.unknown:
-        raise NotTakenError(of, known.unknown)
+    if unknown := next((one.unknown for one in (known, *known.waits_for) if one.unknown), ""):
+        raise NotTakenError(of, unknown)
     if known.repeats and state == "completeState":
         raise NotTakenError(of, f"the {kind} {name!r} repeats: nobody knows when that is over")
     if known.stop is None:
@@ -301,6 +303,8 @@ def _of_distance(of: Element, scope: Scope, context: Context) -> Condition:
     else:
         raise NotTakenError(of, "this condition is not taken")
     keys = {"TimeHeadwayCondition": "headway_s", "TimeToCollisionCondition": "ttc_s"}
+    if context.changes and _axis(of, scope) == "path_lateral":
+        raise NotTakenError(of, "a distance across lanes beside an ego that changes its lane or offset is not taken")
     return condition | {
         keys.get(of.tag, "distance_m"): scope.number(of, "value"),
         "rule": _rule(of, scope),
