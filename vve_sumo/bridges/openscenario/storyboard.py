@@ -234,7 +234,7 @@ class Storyboard:
                             yield Event(event, scope, act, in_story, actors, number, states)
 
     def _state(self, kind: str, element: Element, *outer: ElementState) -> ElementState:
-        state = ElementState(outer=outer)
+        state = ElementState(element.attributes.get("name", ""), outer=outer)
         self._context.elements.setdefault((kind, element.attributes.get("name", "")), []).append(state)
         return state
 
@@ -337,8 +337,8 @@ class Storyboard:
         try:
             armed, when = self._triggers(event)
             groups = None if armed is None or when is None else _not_before(event, armed, when)
-            for kind, name in of_variables:
-                key = event.scope.text(kind, name).removeprefix("$")
+            for kind, what in of_variables:
+                key = what, event.scope.text(kind, f"{what}Ref").removeprefix("$")
                 setter = kind.child("SetAction")
                 if setter is None:
                     raise NotTakenError(kind, "expected a SetAction")
@@ -425,7 +425,7 @@ class Storyboard:
 
     def _ended_by(self, event: Event) -> list[str]:
         priority = event.scope.text(event.element, "priority", "parallel")
-        if priority in ("skip",):
+        if priority not in (*OVERRIDING, "parallel"):
             raise NotTakenError(event.element, f"priority: {priority!r} is not taken")
         if priority not in OVERRIDING:
             return []
@@ -519,8 +519,8 @@ def _when(armed: Groups, when: Groups, until: Groups, ends: Sequence[str]) -> di
 
 
 def _variable_actions(action: Element) -> Iterator[tuple[Element, str]]:
-    """Yield the elements of an action that set a variable or a parameter, and the attribute that names it."""
-    for tag, name in (("VariableAction", "variableRef"), ("ParameterAction", "parameterRef")):
+    """Yield the elements of an action that set a variable or a parameter, and which of both."""
+    for tag, what in (("VariableAction", "variable"), ("ParameterAction", "parameter")):
         found = action.child("GlobalAction", tag)
         if found is not None:
-            yield found, name
+            yield found, what
