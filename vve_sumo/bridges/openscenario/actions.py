@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Final
 
 from vve_sumo.bridges.openscenario.lines import Track, lane_track, track_of, trajectory_track
@@ -70,8 +71,35 @@ def kind_of(action: Element) -> Element:
     while inner.tag in ("PrivateAction", "LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction"):
         if not inner.children:
             raise NotTakenError(inner, "expected an action in it")
+        if len(inner.children) > 1:
+            return _idle(inner)
         inner = inner.children[0]
     return inner
+
+
+def _idle(action: Element) -> Element:
+    """Return the one of several controller actions that does something; raises NotTakenError where both do.
+
+    Until version 1.1 every action that assigns a controller also says which inputs it overrides, most often none.
+    """
+    does = [one for one in action.children if _overrides(one)]
+    if action.tag != "ControllerAction" or len(does) > 1:
+        raise NotTakenError(action, f"expected one action in it, got {len(action.children)}")
+    return (does or action.children)[0]
+
+
+def _overrides(action: Element) -> bool:
+    """Whether a controller action does more than to say of inputs that they are not overridden."""
+    return any(one.attributes.get("active", "").lower() not in ("false", "0") for one in action.children)
+
+
+def drives_as_usual(controller: Element) -> bool:
+    """Whether a controller, or a reference to one, is the one that every entity has without any."""
+    properties = [one.attributes.get("value") for one in controller.walk() if one.tag == "Property"]
+    if properties:
+        return all(value == "DefaultController" for value in properties)
+    name = controller.attributes.get("name", controller.attributes.get("entryName", ""))
+    return name.lower().startswith("default")
 
 
 def longitudinal(of: Element) -> bool:
@@ -94,6 +122,10 @@ def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | N
         idle = who not in stage.controlled and of.tag == "ActivateControllerAction"
         off = not any(scope.flag(of, key, False) for key in ("lateral", "longitudinal")) and bool(of.attributes)
         if stage.ids[who] == "ego" or idle or (off and of.tag == "ActivateControllerAction"):
+            return None
+        if of.tag == "AssignControllerAction" and all(map(drives_as_usual, of.children)):
+            return None
+        if of.tag == "OverrideControllerValueAction" and not _overrides(of):
             return None
         raise NotTakenError(of, "an entity that a controller of its own drives is not taken")
     if of.tag in LOOKS:
@@ -174,7 +206,19 @@ def _profile(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     points = [{"over_s": scope.number(one, "time"), "speed_mps": scope.number(one, "speed")} for one in entries]
     if any(not 0.0 <= one["speed_mps"] <= 100.0 or one["over_s"] < 0.0 for one in points):
         raise NotTakenError(of, "expected times from 0 on and speeds of 0 to 100 m/s")
+    _allowed(of, scope, points)
     return {"profile": points}
+
+
+def _allowed(of: Element, scope: Scope, points: list[dict[str, float]]) -> None:
+    """Raise NotTakenError where a profile changes a speed faster than its limits allow."""
+    limits = of.child("DynamicConstraints")
+    for one, later in pairwise(points):
+        change, time = later["speed_mps"] - one["speed_mps"], later["over_s"]
+        name = "maxAcceleration" if change > 0.0 else "maxDeceleration"
+        greatest = math.inf if limits is None or name not in limits.attributes else abs(scope.number(limits, name))
+        if abs(change) > greatest * time + 1e-6:
+            raise NotTakenError(of, f"its speeds change faster than its {name} allows, which is not taken")
 
 
 def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
@@ -200,6 +244,8 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         )
         if rate is not None:
             raise NotTakenError(limits, f"{rate} is not taken")
+        if "maxSpeed" in limits.attributes and "maxAcceleration" not in limits.attributes:
+            raise NotTakenError(limits, "maxSpeed is taken beside maxAcceleration and maxDeceleration alone")
         keys = {
             "maxAcceleration": "acceleration_mps2",
             "maxDeceleration": "deceleration_mps2",
@@ -263,10 +309,12 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     dynamics = _needed(of, "LaneOffsetActionDynamics")
     shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.path_d)
     line: dict[str, Any] = {"offset_m": target}
-    if shape not in SHAPES or (shape == "linear" and change > 0.0):
+    limited = "maxLateralAcc" in dynamics.attributes
+    if shape not in SHAPES or (shape == "linear" and limited and change > 0.0):
         raise NotTakenError(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
-    if shape != "step" and change > 0.0:
-        # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
+    if shape != "step" and limited and change > 0.0:
+        # Without a limit it is done at once. The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6
+        # of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
         line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
     stage.tracks[who] = replace(track, path_d=target)

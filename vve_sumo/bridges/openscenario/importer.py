@@ -16,6 +16,7 @@ from vve_sumo.bridges.openscenario.actions import (
     ROUTES,
     Action,
     Stage,
+    drives_as_usual,
     kind_of,
     longitudinal,
     read_action,
@@ -118,8 +119,10 @@ class _Reader:
         self._stage = Stage(
             Places(document, roads), LineFiles(name), {one.name: one.id for one in self._entities.values()}
         )
+        self._types = {one.id: one.type for one in self._entities.values()}
         self._first: dict[str, list[Action]] = {}
         self._friction: float | None = None
+        self._ramped = False  #: whether the file has the ego change to its first speed
         self._begun: set[int] = set()  #: identities of actions at the start that are no more than a first speed
         self._inits = self._init_actions()
         self._inits += self._of_story_at_once()
@@ -134,11 +137,16 @@ class _Reader:
         ego = self._ego_path(starts[self._ego.name])
         self._stage.ego_place = ego.place
         self._stage.controlled = {
-            one.name for one in self._entities.values() if one.element.child("ObjectController") is not None
+            one.name
+            for one in self._entities.values()
+            for holder in one.element.all("ObjectController")
+            if not all(map(drives_as_usual, holder.children))
         }
         self._start_all()
         self._stage.places.moving = self._moving()
-        context = Context(self._stage.ids, ego.place, {}, {}, self._variables(), changes=bool(self._stage.laid))
+        context = Context(
+            self._stage.ids, ego.place, {}, {}, self._variables(), types=self._types, changes=bool(self._stage.laid)
+        )
         board = Storyboard(self._document, self._stage, context, self._problems)
         stop = board.compile()
         table = self._table(ego, starts, board.stories, stop)
@@ -164,7 +172,7 @@ class _Reader:
         points = track.points if abs(track.path_d) <= BESIDE else _beside(track, self._ego.element)
         path = reference(points, self._ego.element)
         begin = path.project(*_on(track, self._ego.element)).s
-        context = Context(self._stage.ids, _nowhere, {}, {}, self._variables())
+        context = Context(self._stage.ids, _nowhere, {}, {}, self._variables(), types=self._types)
         board = Storyboard(self._document, self._stage, context, Problems())
         for event, kind in ((event, kind) for name in self._entities for event, kind in board.doing(name)):
             for actor in event.actors:
@@ -186,7 +194,7 @@ class _Reader:
         of_story = [kind for _, kind in board.doing(self._ego.name)]
         of_start = [one.kind for one in self._inits if one.who == self._ego.name and id(one.kind) not in self._begun]
         speed = self._stage.speeds.get(self._ego.name, 0.0)
-        if speed < SLOWEST or any(longitudinal(kind) for kind in (*of_story, *of_start)):
+        if speed < SLOWEST or self._ramped or any(longitudinal(kind) for kind in (*of_story, *of_start)):
             return None
         return speed
 
@@ -372,6 +380,9 @@ class _Reader:
         step = dynamics is None or scope.text(dynamics, "dynamicsShape") == "step" or name == self._ego.name
         if step:
             self._stage.speeds[name] = max(speed, 0.0)
+        if name == self._ego.name and dynamics is not None and scope.text(dynamics, "dynamicsShape") != "step":
+            self._ramped = True
+            self._problems.note(f"{kind.where}: the ego has this speed from the start on, without a change to it")
         return step and not target.get("continuous")
 
     def _table(
@@ -394,6 +405,9 @@ class _Reader:
         table["actors"] = [
             self._actor(one, starts[one.name], stories[one.name]) for one in others if one.name in starts
         ]
+        for one in self._entities.values():
+            if one.trailer is not None:
+                self._problems.add(NotTakenError(one.trailer, f"{one.name!r} has no trailer here"))
         for one in others:
             if one.name not in starts:
                 self._problems.note(f"{one.element.where} {one.name!r} is never placed: it is not there")

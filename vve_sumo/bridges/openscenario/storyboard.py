@@ -289,6 +289,8 @@ class Storyboard:
         where = f"{event.element.where} {event.name!r}"
         if not event.actions:
             self._forget(event, f"{where} changes nothing here")
+        elif any(_goes_on(kind) for one in event.actions if (kind := _private_kind(one)) is not None):
+            self._forget(event, f"{where} goes on for good")
         elif any(one.child("PrivateAction") is None and not list(_variable_actions(one)) for one in event.actions):
             self._forget(event, f"nobody knows when {where} is over")
         elif any(self._stage.ids.get(actor) == EGO for actor in event.actors) and not self._known_by_place(event):
@@ -490,6 +492,11 @@ def _private_kind(action: Element) -> Element | None:
         return None if private is None else kind_of(private)
     except NotTakenError:
         return None
+
+
+def _goes_on(kind: Element) -> bool:
+    """Whether an action keeps an offset for good, which is no action of its own here once the offset is reached."""
+    return kind.tag == "LaneOffsetAction" and kind.attributes.get("continuous", "false").lower() in ("true", "1")
 
 
 def _gone(way: float) -> dict[str, Any]:

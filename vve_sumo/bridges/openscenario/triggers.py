@@ -11,21 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.openscenario.parameters import RULES, Scope, holds
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 
 Condition = dict[str, Any]
 Groups = list[list[Condition]]
 
-RULES: Final = {
-    "greaterThan": ">",
-    "lessThan": "<",
-    "equalTo": "==",
-    "greaterOrEqual": ">=",
-    "lessOrEqual": "<=",
-    "notEqualTo": "!=",
-}
 EDGES: Final = {"none": "none", "rising": "rising", "falling": "falling", "risingOrFalling": "any"}
 #: states of elements, and what they are of actions here
 STATES: Final = {
@@ -71,9 +63,10 @@ class Context:
     place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: s and d on the ego's path
     elements: dict[tuple[str, str], list[ElementState]]  #: of the storyboard, by type and name
     variables: dict[tuple[str, str], list[tuple[str, Groups | None]]]
-    """Values that events set, with their triggers, by the kind (variable or parameter) and the name of what they set."""
+    """Values that events set, with their triggers, by kind (variable or parameter) and name of what they set."""
     initial: Mapping[str, str]  #: values of variables at the start
     within: Sequence[ElementState] = ()  #: what the condition that is read is in
+    types: Mapping[str, str] = field(default_factory=dict)  #: of entities by their ids: vehicle, pedestrian, …
     changes: bool = False  #: whether the ego's path changes lane or offset
 
     def element(self, kind: str, name: str, outer: Sequence[str] = ()) -> ElementState | None:
@@ -165,17 +158,6 @@ def _at_once(delay: float) -> Groups:
     return [[{"time_s": delay, "rule": ">="}]] if delay else []
 
 
-def _holds(value: str, rule: str, wanted: str) -> bool:
-    """Return whether a parameter or variable compares as a rule says: as numbers where both are."""
-    try:
-        one, other = float(value), float(wanted)
-    except ValueError:
-        same = value.lower() == wanted.lower()
-        return same if rule == "==" else rule == "!=" and not same
-    compared = {">": one > other, "<": one < other, "==": one == other}
-    return compared.get(rule, {">=": one >= other, "<=": one <= other, "!=": one != other}.get(rule, False))
-
-
 def _named_value(
     of: Element, kind: str, scope: Scope, initial: Mapping[str, str], context: Context, edge: str, delay: float
 ) -> Groups | None:
@@ -187,13 +169,13 @@ def _named_value(
     later = context.variables.get((kind, name), [])
     if edge in ("falling", "any") and later:
         raise NotTakenError(of, f"the edge {edge!r} of a {kind} that events set is not taken")
-    if _holds(initial[name], rule, wanted):
-        if any(not _holds(value, rule, wanted) for value, _ in later):
+    if holds(initial[name], rule, wanted):
+        if any(not holds(value, rule, wanted) for value, _ in later):
             raise NotTakenError(of, f"the {kind} {name!r} ceases to meet it")
         return _at_once(delay) if edge == "none" else None
     groups: Groups = []
     for value, trigger in later:
-        if trigger is not None and _holds(value, rule, wanted):
+        if trigger is not None and holds(value, rule, wanted):
             groups += latched(of, trigger, delay)
     return groups or None
 
@@ -252,8 +234,11 @@ def _by_entity(of: Element, scope: Scope, context: Context, when: Condition) -> 
     who, inner = of.child("TriggeringEntities"), of.child("EntityCondition")
     if who is None or inner is None or not inner.children:
         raise NotTakenError(of, "expected TriggeringEntities and an EntityCondition")
-    asked = _asked(inner.children[0], scope, context)
     names = [scope.text(one, "entityRef") for one in who.all("EntityRef")]
+    by_type = inner.children[0].child("ByType")
+    if by_type is not None and inner.children[0].tag == "CollisionCondition":
+        return _touching(by_type, [_id(who, name, context) for name in names], scope, context, when)
+    asked = _asked(inner.children[0], scope, context)
     conditions = [_short({"of": _id(who, name, context), **asked, **when}) for name in names]
     rule = scope.text(who, "triggeringEntitiesRule")
     if not conditions:
@@ -263,6 +248,18 @@ def _by_entity(of: Element, scope: Scope, context: Context, when: Condition) -> 
     if len(conditions) > 1 and when["edge"] != "none":
         raise NotTakenError(who, f"the edge {when['edge']!r} of a condition on several entities is not taken")
     return [conditions] if rule == "all" else [[one] for one in conditions]
+
+
+def _touching(of: Element, who: list[str], scope: Scope, context: Context, when: Condition) -> Groups:
+    """Return the groups of a contact with any entity of a type."""
+    wanted = scope.text(of, "type")
+    others = [other for other, kind in context.types.items() if kind == wanted]
+    pairs = [(one, other) for one in who for other in others if one != other]
+    if len(who) > 1 or (len(pairs) > 1 and when["edge"] not in ("none", "rising")):
+        raise NotTakenError(of, "a contact of several entities, or the end of one with several, is not taken")
+    if not pairs:
+        raise NotTakenError(of, f"type: no other entity is a {wanted!r}")
+    return [[_short({"of": one, "to": other, "touches": True, **when})] for one, other in pairs]
 
 
 def _id(element: Element, name: str, context: Context) -> str:
