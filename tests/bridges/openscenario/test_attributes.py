@@ -199,6 +199,11 @@ SLOW = event("e", step("7"), after("1"))
     [
         (scenario(event("e", step("7"), two(GONE, "none"))), "triggeringEntitiesRule: expected any or all, got 'none'"),
         (scenario(event("e", step("7"), two(GONE, "all"), edge="rising")), "of a condition on several entities"),
+        (
+            scenario(event("e", lane_change("cubic", "time", "1", "1"), after("4"))
+                + event("f", lane_change("cubic", "time", "1", "-1"), after("2"))),
+            "<LaneChangeAction>: it stands after an action of 'Other' that begins later",
+        ),
         (scenario(SLOW.replace("parallel", "skip")), "<Event>: priority: 'skip' is not taken"),
         (scenario(event("e", waypoints("fastest"), after("1"))), "routeStrategy: expected shortest, got 'fastest'"),
         (scenario(event("e", LIMITED, after("1"))), "<DynamicConstraints>: maxSpeed is taken beside"),

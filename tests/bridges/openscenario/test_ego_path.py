@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from tests.bridges.openscenario.stage import (
@@ -24,6 +25,7 @@ from tests.bridges.openscenario.stage import (
     step,
     write,
 )
+from tests.isolated import command
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
 from vve_sumo.path import ReferencePath
 from vve_sumo.timing import PERIOD
@@ -176,6 +178,21 @@ def test_places_count_from_the_ego_that_begins_beside_its_lane(tmp_path: Path) -
     text = text.replace('<AbsoluteTargetSpeed value="20"/>', '<AbsoluteTargetSpeed value="5"/>', 1)
     fired = next(m for m in played(imported(tmp_path, text), 12.0) if m.actors["Other"].speed == 3.0)
     assert fired.ego == pytest.approx(60.0 - math.sqrt(1.6**2 - 1.5**2), abs=CLOSE)
+
+
+@pytest.mark.thorough
+def test_a_drive_follows_the_lane_change(tmp_path: Path) -> None:
+    pytest.importorskip("sumo", reason="eclipse-sumo (netconvert) is not installed")
+    text = of_ego(event("e", lane_change("sinusoidal", "time", "4", "1"), after("2")), s="400")
+    ends = f"<ConditionGroup><Condition name='c'>{after('8')}</Condition></ConditionGroup></StopTrigger></Storyboard>"
+    write(tmp_path, text.replace("</StopTrigger></Storyboard>", ends))
+    for words in (("scenarios", "import", "made.xosc"), ("drive", "made", "--out", "record")):
+        done = command(*words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    ticks = pq.read_table(tmp_path / "record" / "ticks.parquet").to_pandas()
+    since = (ticks.true_x_m - START - SPEED * 2.0) / (SPEED * 4.0)
+    wanted = [MIDDLE + LANE * shape_at("sinusoidal", part) for part in since]
+    assert abs(ticks.true_y_m - wanted).max() < CLOSE
 
 
 CHANGE = lane_change("sinusoidal", "time", "3", "1")

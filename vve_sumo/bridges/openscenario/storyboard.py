@@ -44,6 +44,7 @@ class Event:
     act_scope: Scope
     actors: list[str]  #: names of entities
     maneuver: int  #: number of its manoeuvre
+    rounds: int  #: how often its manoeuvre group is done
     states: list[ElementState] = field(default_factory=list)  #: of itself and what it is in, innermost first
     of_actions: dict[int, ElementState] = field(default_factory=dict)  #: by the identity of their elements
     names: list[str] = field(default_factory=list)  #: of its actions, ACTOR.NAME
@@ -64,7 +65,11 @@ class Event:
         stated = self.scope.whole(self.element, "maximumExecutionCount", 1)
         if stated < 1 and stated != -1:
             raise NotTakenError(self.element, f"maximumExecutionCount: expected 1 or more, got {stated}")
-        return MOST_TIMES if stated == -1 else min(stated, MOST_TIMES)
+        return min(_times(stated) * self.rounds, MOST_TIMES)
+
+
+def _times(stated: int) -> int:
+    return MOST_TIMES if stated == -1 else min(stated, MOST_TIMES)
 
 
 class Storyboard:
@@ -76,6 +81,7 @@ class Storyboard:
         self._events = list(self._read())
         self._acts: dict[int, Groups | None] = {}
         self._stops: dict[int, Groups] = {}
+        self._last: dict[str, float] = {}  #: when each actor last went elsewhere, as far as times say so [s]
 
     def at_once(self, who: str) -> Iterator[tuple[Element, Scope]]:
         """Yield what says where an entity goes, and begins as the drive does: part of the start as much as Init is."""
@@ -219,6 +225,7 @@ class Storyboard:
                     group_state = self._state("maneuverGroup", group, act_state, whole)
                     try:
                         found = list(self._maneuvers(group, in_story))
+                        rounds = _rounds(group, in_story, found)
                     except NotTakenError as error:
                         self._problems.add(error)
                         for one in (group_state, act_state, whole):
@@ -231,7 +238,7 @@ class Storyboard:
                         for event in maneuver.all("Event"):
                             states = [self._state("event", event, *outer), *outer]
                             actors = self._actors(group, in_story)
-                            yield Event(event, scope, act, in_story, actors, number, states)
+                            yield Event(event, scope, act, in_story, actors, number, rounds, states)
 
     def _state(self, kind: str, element: Element, *outer: ElementState) -> ElementState:
         state = ElementState(element.attributes.get("name", ""), outer=outer)
@@ -239,8 +246,6 @@ class Storyboard:
         return state
 
     def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
-        if scope.whole(group, "maximumExecutionCount", 1) != 1:
-            raise NotTakenError(group, "maximumExecutionCount: expected 1")
         for one in group.children:
             if one.tag == "CatalogReference":
                 yield self._document.entry(one, scope, "Maneuver")
@@ -399,12 +404,23 @@ class Storyboard:
                 if self._stage.id(one, actor) == EGO:
                     self._of_ego(event, kind, actor)
                     continue
+                self._in_order(kind, actor, armed, when)
                 action, name = read_action(kind, event.scope, actor, self._stage), next(names)
                 taken.append((actor, {"name": name.partition(".")[2]} | common | (action or {})))
         if event.times > 1 and len(taken) > 1:
             raise NotTakenError(event.element, "an event of several actions that repeats is not taken")
         for actor, action in taken:
             self.stories[actor].append(action)
+
+    def _in_order(self, kind: Element, actor: str, armed: Groups, when: Groups) -> None:
+        """Raise NotTakenError where an action that leads an actor elsewhere comes after a later one in the file."""
+        times = [_time(groups) for groups in (armed, when) if groups]
+        if kind.tag not in LEADING_OFF or None in times:
+            return
+        time = max([one for one in times if one is not None], default=0.0)
+        if time < self._last.get(actor, 0.0):
+            raise NotTakenError(kind, f"it stands after an action of {actor!r} that begins later, which is not taken")
+        self._last[actor] = time
 
     def _of_ego(self, event: Event, kind: Element, ego: str) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
@@ -485,6 +501,14 @@ class Storyboard:
         return groups if acts else []
 
 
+def _time(groups: Groups) -> float | None:
+    """Return when a trigger fires that asks for a time alone [s], None for any other."""
+    (first, *more), *others = groups
+    if more or others or "time_s" not in first or first.get("rule", ">") not in (">", ">="):
+        return None
+    return float(first["time_s"] + first.get("delay_s", 0.0))
+
+
 def _private_kind(action: Element) -> Element | None:
     """Return what a private action of an event does, None where that is none."""
     private = action.child("PrivateAction")
@@ -502,6 +526,24 @@ def _goes_on(kind: Element) -> bool:
 def _gone(way: float) -> dict[str, Any]:
     """Return the condition that the ego has gone a way [m] since the start."""
     return {"travelled_m": round(way, 4), "rule": ">="}
+
+
+def _rounds(group: Element, scope: Scope, maneuvers: Sequence[tuple[Element, Scope]]) -> int:
+    """Return how often a manoeuvre group is done; raises NotTakenError where that is more than to repeat one event.
+
+    A group begins anew once all in it is complete: with one event whose trigger has no delay that is as if the event
+    were done so often.
+    """
+    stated = scope.whole(group, "maximumExecutionCount", 1)
+    if stated < 1 and stated != -1:
+        raise NotTakenError(group, f"maximumExecutionCount: expected 1 or more, got {stated}")
+    events = [(event, inner) for maneuver, inner in maneuvers for event in maneuver.all("Event")]
+    delayed = any(
+        one.tag == "Condition" and inner.number(one, "delay", 0.0) for event, inner in events for one in event.walk()
+    )
+    if stated != 1 and (len(events) != 1 or delayed):
+        raise NotTakenError(group, "a group that repeats is taken with one event alone, whose trigger has no delay")
+    return _times(stated)
 
 
 def _is_stopped(act: Element) -> bool:
