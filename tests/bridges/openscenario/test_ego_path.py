@@ -5,6 +5,7 @@ The ego begins at x 20 with 20 m/s in the lane whose middle is at y -1.75.
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -25,8 +26,10 @@ from tests.bridges.openscenario.stage import (
     step,
     write,
 )
+from tests.bridges.openscenario.test_import import damaged
 from tests.isolated import command
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
+from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
 from vve_sumo.timing import PERIOD
 
@@ -139,6 +142,22 @@ def test_an_offset_has_the_greatest_lateral_acceleration_that_is_stated(tmp_path
         assert lateral == pytest.approx(-2.0 * math.cos(math.pi * part), abs=0.1)
 
 
+def test_in_a_bend_the_change_is_across_the_lanes(tmp_path: Path) -> None:
+    change = lane_change("sinusoidal", "distance", "60", "1")
+    file = write(tmp_path, of_ego(event("e", change, of_entity('<TraveledDistanceCondition value="50"/>'))))
+    road = tmp_path / "road.xodr"
+    text = road.read_text(encoding="utf-8").replace("<line/>", '<arc curvature="0.005"/>')
+    road.write_text(text, encoding="utf-8")
+    found = read_scenario(file, "made")
+    assert not found.problems
+    path, begin = path_of(found), found.table["ego"]["initial_s_m"]
+    for part in (-0.5, 0.1, 0.3, 0.5, 0.8, 1.0, 1.5):
+        here = path.at(begin + 50.0 + 60.0 * part)
+        # The road is a circle of 200 m about (0, 200); the left is its inside.
+        left = 200.0 - math.dist((here.x, here.y), (0.0, 200.0))
+        assert left == pytest.approx(MIDDLE + LANE * shape_at("sinusoidal", part), abs=CLOSE)
+
+
 def ended(name: str, state: str = "endTransition") -> str:
     return f"""<ByValueCondition><StoryboardElementStateCondition storyboardElementType="event"
     storyboardElementRef="{name}" state="{state}"/></ByValueCondition>"""
@@ -240,3 +259,19 @@ def test_what_cannot_be_in_a_path_is_refused_with_its_reason(tmp_path: Path, tex
     problems = read_scenario(write(tmp_path, text), "made").problems
     assert any(why in problem for problem in problems), problems
     assert all("made.xosc:" in problem for problem in problems)
+
+
+@pytest.mark.parametrize("every", [29, pytest.param(5, marks=pytest.mark.thorough)])
+def test_a_change_of_the_ego_that_is_damaged_is_taken_or_refused_in_one_line(every: int, tmp_path: Path) -> None:
+    condition, _ = TRIGGERS["place"]
+    events = event("e", lane_change("sinusoidal", "distance", "60", "1"), condition)
+    events += event("f", offset("0.4"), ended("e"), delay="1")
+    file = write(tmp_path, of_ego(events))
+    assert not read_scenario(file, "made").problems
+    for changed in itertools.islice(damaged(file.read_text(encoding="utf-8")), None, None, every):
+        file.write_text(changed, encoding="utf-8")
+        try:
+            said = read_scenario(file, "made").problems
+        except ConfigError as error:
+            said = [str(error)]
+        assert all(line and "\n" not in line for line in said)

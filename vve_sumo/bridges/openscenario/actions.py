@@ -312,11 +312,13 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     limited = "maxLateralAcc" in dynamics.attributes
     if shape not in SHAPES or (shape == "linear" and limited and change > 0.0):
         raise NotTakenError(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
+    # Without a limit it is done at once.
     if shape != "step" and limited and change > 0.0:
-        # Without a limit it is done at once. The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6
-        # of change over time squared.
+        if (limit := scope.number(dynamics, "maxLateralAcc")) <= 0.0:
+            raise NotTakenError(dynamics, f"maxLateralAcc: expected more than 0, got {limit:g}")
+        # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
-        line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
+        line |= {"shape": shape, "over_s": math.sqrt(factor * change / limit)}
     stage.tracks[who] = replace(track, path_d=target)
     return {"line": line}
 

@@ -12,6 +12,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
+from pydantic import ValidationError
+
 from vve_sumo.bridges.openscenario.actions import Stage, read_action
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.road_map import Pose2
@@ -109,8 +111,8 @@ def fires_at(armed: Groups, when: Groups, ride: Ride, of: Element) -> float:
     """
     for condition in itertools.chain(*armed, *when):
         _decided(condition, ride, of)
-    first = TriggerMonitor(_parsed(armed)) if armed else None
-    second = TriggerMonitor(_parsed(when))
+    first = TriggerMonitor(_parsed(armed, of)) if armed else None
+    second = TriggerMonitor(_parsed(when, of))
     for scene in _scenes(ride):
         if first is not None:
             if not first.step(scene):
@@ -138,8 +140,12 @@ def body_at(pose: Pose2, size: tuple[float, float, float]) -> Body:
     return Body(pose.x, pose.y, pose.heading, 0.0, Box(x, y, pose.heading, size[0], size[1]))
 
 
-def _parsed(groups: Groups) -> tuple[tuple[StoryCondition, ...], ...]:
-    return tuple(tuple(StoryCondition.model_validate(one) for one in group) for group in groups)
+def _parsed(groups: Groups, of: Element) -> tuple[tuple[StoryCondition, ...], ...]:
+    try:
+        return tuple(tuple(StoryCondition.model_validate(one) for one in group) for group in groups)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise NotTakenError(of, f"its trigger: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
 def _scenes(ride: Ride) -> Iterator[Scene]:

@@ -116,6 +116,8 @@ def _condition(element: Element, scope: Scope, context: Context) -> Groups | Non
     edge, delay = scope.text(element, "conditionEdge", "none"), scope.number(element, "delay", 0.0)
     if edge not in EDGES:
         raise NotTakenError(element, f"conditionEdge: expected {', '.join(EDGES)}, got {edge!r}")
+    if delay < 0.0:
+        raise NotTakenError(element, f"delay: expected 0 or more, got {delay:g}")
     of_value, of_entity = element.child("ByValueCondition"), element.child("ByEntityCondition")
     if of_value is not None and of_value.children:
         return _by_value(of_value.children[0], scope, context, EDGES[edge], delay)
