@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -29,6 +30,7 @@ from tests.bridges.openscenario.stage import (
 from tests.bridges.openscenario.test_import import damaged
 from tests.isolated import command
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
+from vve_sumo.bridges.openscenario.sweepable import parameters_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
 from vve_sumo.timing import PERIOD
@@ -212,6 +214,21 @@ def test_a_drive_follows_the_lane_change(tmp_path: Path) -> None:
     since = (ticks.true_x_m - START - SPEED * 2.0) / (SPEED * 4.0)
     wanted = [MIDDLE + LANE * shape_at("sinusoidal", part) for part in since]
     assert abs(ticks.true_y_m - wanted).max() < CLOSE
+
+
+@pytest.mark.parametrize("value", ["2", "0.05"])
+def test_what_says_where_the_path_changes_is_no_parameter_of_the_scenario(tmp_path: Path, value: str) -> None:
+    declared = f'<ParameterDeclaration name="When" parameterType="double" value="{value}"/>'
+    events = event("e", lane_change("cubic", "distance", "60", "1"), after("$When"))
+    text = of_ego(events, event("o", step("7"), after("$When")), parameters=declared)
+    for words, parameters in ((text, set()), (text.replace(group(events), ""), {"when"})):
+        file = write(tmp_path, words)
+        found = read_scenario(file, "made")
+
+        def again(given: Mapping[str, str], file: Path = file) -> Imported:
+            return read_scenario(file, "made", given=given)
+
+        assert parameters_of(found, again).keys() == parameters
 
 
 CHANGE = lane_change("sinusoidal", "time", "3", "1")

@@ -50,6 +50,7 @@ class Stage:
     laid: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
     """Changes that the ego's path has in it, by the number of their manoeuvre and the identity of their element: the
     ways from the start to where each begins and is over [m]."""
+    decided: list[object] = field(default_factory=list)  #: triggers and speeds that say where these are
     not_laid: dict[tuple[int, int], NotTakenError] = field(default_factory=dict)  #: why others are not in it
 
     def id(self, element: Element, name: str) -> str:

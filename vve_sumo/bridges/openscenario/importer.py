@@ -66,6 +66,7 @@ class Imported:
     notes: list[str]  #: what is taken otherwise than it stands there
     roads: RoadMap
     numbers: dict[str, float] = field(default_factory=dict)  #: the file's parameters that are numbers
+    decided: list[object] = field(default_factory=list)  #: what says where the ego's path changes lane or offset
 
 
 def roads_file(document: Document) -> Path:
@@ -157,6 +158,7 @@ class _Reader:
             self._problems.notes,
             self._roads,
             self._document.numbers,
+            self._stage.decided,
         )
 
     def _refuse(self, error: NotTakenError) -> None:

@@ -142,6 +142,7 @@ class Storyboard:
         before, key = self._stage.tracks[path.name], (event.maneuver, id(kind))
         changed, made = path.with_change(kind, event.scope, begin)
         self._stage.laid[key] = begin - path.ride.begin, made.end - path.ride.begin
+        self._stage.decided.append((armed, when, path.ride.speed))
         self._known_by_place(event)
         try:
             self._on(changed)
