@@ -47,11 +47,11 @@ class Stage:
     controlled: set[str] = field(default_factory=set)  #: entities that have a controller of their own
     begun: set[int] = field(default_factory=set)  #: identities of elements of the story that are part of the start
     sidewards: dict[str, set[str]] = field(default_factory=dict)  #: what of lateral kinds a story has each entity do
-    laid: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
+    path_changes: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
     """Changes that the ego's path has in it, by the number of their manoeuvre and the identity of their element: the
     ways from the start to where each begins and is over [m]."""
-    decided: list[object] = field(default_factory=list)  #: triggers and speeds that say where these are
-    not_laid: dict[tuple[int, int], NotTakenError] = field(default_factory=dict)  #: why others are not in it
+    decided: list[object] = field(default_factory=list)  #: triggers and speeds that say where those begin
+    refused_changes: dict[tuple[int, int], NotTakenError] = field(default_factory=dict)  #: why others are not in it
 
     def id(self, element: Element, name: str) -> str:
         """Return an entity's id; raises NotTakenError for none."""

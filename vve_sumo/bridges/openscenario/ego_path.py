@@ -45,7 +45,7 @@ OF_TIMES: Final = frozenset({"time_s", "headway_s", "ttc_s", "speed_mps", "relat
 ANY_SPEED: Final = 10.0
 
 
-class Ride(NamedTuple):
+class NominalDrive(NamedTuple):
     """The ego along its path as the file alone has it."""
 
     path: ReferencePath
@@ -55,7 +55,7 @@ class Ride(NamedTuple):
     size: tuple[float, float, float]  #: of the file's ego: length, width, from its rear axle forward to its centre [m]
 
 
-class Laid(NamedTuple):
+class PathChange(NamedTuple):
     """A path with a change in it."""
 
     points: Points
@@ -64,24 +64,24 @@ class Laid(NamedTuple):
 
 
 class EgoPath:
-    """The ego's path while its changes are laid into it, each after the one before."""
+    """The ego's path while its changes are put into it, each after the one before."""
 
-    def __init__(self, stage: Stage, name: str, points: Points, ride: Ride) -> None:
-        """`name` is the ego's in the file; the ride begins on the line of the points."""
+    def __init__(self, stage: Stage, name: str, points: Points, nominal: NominalDrive) -> None:
+        """`name` is the ego's in the file; the nominal drive begins on the line of the points."""
         self._stage, self.name = stage, name
-        self.points, self.ride = points, ride
-        self._over = ride.begin
+        self.points, self.nominal = points, nominal
+        self._over = nominal.begin
 
     def place(self, position: Element, scope: Scope) -> tuple[float, float]:
         """Return s and d [m] of a <Position> on the path; raises NotTakenError for one off its ends."""
         there = self._stage.places.spot(position, scope).pose
-        path = self.ride.path
+        path = self.nominal.path
         foot = path.project(there.x, there.y)
         if not -1.0 <= foot.s <= path.length + 1.0:
             raise NotTakenError(position, "a place behind or beyond the ego's path is not taken")
         return round(foot.s, 4), round(foot.d, 4) + 0.0
 
-    def with_change(self, kind: Element, scope: Scope, begin: float) -> tuple[EgoPath, Laid]:
+    def with_change(self, kind: Element, scope: Scope, begin: float) -> tuple[EgoPath, PathChange]:
         """Return the path with a change that begins at s [m] in it; raises NotTakenError for what is no path.
 
         The stage has the ego where it is after the change then.
@@ -92,50 +92,50 @@ class EgoPath:
         try:
             action = read_action(kind, scope, self.name, self._stage) or {}
             onto = reference(self._stage.tracks[self.name].points, kind)
-            made = laid(self.ride, onto, begin, action["line"], kind)
+            made = changed_path(self.nominal, onto, begin, action["line"], kind)
             path = reference(made.points, kind)
         except NotTakenError:
             self._stage.tracks[self.name] = before
             raise
-        start = self.ride.path.at(self.ride.begin)
-        foot = path.project(start.x, start.y, self.ride.begin)
-        changed = EgoPath(self._stage, self.name, made.points, self.ride._replace(path=path, begin=foot.s))
+        start = self.nominal.path.at(self.nominal.begin)
+        foot = path.project(start.x, start.y, self.nominal.begin)
+        changed = EgoPath(self._stage, self.name, made.points, self.nominal._replace(path=path, begin=foot.s))
         changed._over = made.end
         return changed, made
 
 
-def fires_at(armed: Groups, when: Groups, ride: Ride, of: Element) -> float:
+def fires_at(armed: Groups, when: Groups, nominal: NominalDrive, of: Element) -> float:
     """Return s [m] of the ego's rear axle where a trigger fires, once the one of its act has; infinity for nowhere.
 
     Raises NotTakenError naming the element where that depends on who moves, or on a speed that nobody knows.
     """
     for condition in itertools.chain(*armed, *when):
-        _decided(condition, ride, of)
+        _decided(condition, nominal, of)
     first = TriggerMonitor(_parsed(armed, of)) if armed else None
     second = TriggerMonitor(_parsed(when, of))
-    for scene in _scenes(ride):
+    for scene in _scenes(nominal):
         if first is not None:
             if not first.step(scene):
                 continue
             first = None
         if second.step(scene):
-            return ride.begin + scene.bodies[EGO].travelled
+            return nominal.begin + scene.bodies[EGO].travelled
     return math.inf
 
 
-def _decided(condition: Mapping[str, Any], ride: Ride, of: Element) -> None:
-    """Raise NotTakenError where the ego's ride alone does not decide a condition."""
+def _decided(condition: Mapping[str, Any], nominal: NominalDrive, of: Element) -> None:
+    """Raise NotTakenError where the nominal drive alone does not decide a condition."""
     asked = next((key for key in condition if key in OF_PLACES | OF_TIMES), None)
-    known = {EGO, *ride.standing}
+    known = {EGO, *nominal.standing}
     who = {condition.get("of", EGO), condition.get("to", EGO)}
     if asked is None or (asked != "time_s" and not who <= known):
         raise NotTakenError(of, "the ego's path is fixed: where this begins depends on who moves, or on a controller")
-    if ride.speed is None and (asked in OF_TIMES or condition.get("delay_s") or condition.get("from_s")):
+    if nominal.speed is None and (asked in OF_TIMES or condition.get("delay_s") or condition.get("from_s")):
         raise NotTakenError(of, "the ego's path is fixed: nobody knows where the ego is when this begins")
 
 
 def body_at(pose: Pose2, size: tuple[float, float, float]) -> Body:
-    """Return a body that stands with its reference point at a pose; its size as in `Ride`."""
+    """Return a body that stands with its reference point at a pose; its size as in `NominalDrive`."""
     x, y = pose.x + size[2] * math.cos(pose.heading), pose.y + size[2] * math.sin(pose.heading)
     return Body(pose.x, pose.y, pose.heading, 0.0, Box(x, y, pose.heading, size[0], size[1]))
 
@@ -148,28 +148,30 @@ def _parsed(groups: Groups, of: Element) -> tuple[tuple[StoryCondition, ...], ..
         raise NotTakenError(of, f"its trigger: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
 
 
-def _scenes(ride: Ride) -> Iterator[Scene]:
-    speed = ride.speed or ANY_SPEED
+def _scenes(nominal: NominalDrive) -> Iterator[Scene]:
+    speed = nominal.speed or ANY_SPEED
     for n in itertools.count():
         way = n * STEP
-        if ride.begin + way > ride.path.length:
+        if nominal.begin + way > nominal.path.length:
             return
-        at = ride.path.at(ride.begin + way)
-        body = body_at(Pose2(at.x, at.y, at.heading), ride.size)._replace(speed=speed, travelled=way)
-        yield Scene(way / speed, {EGO: body, **ride.standing}, ride.path, {})
+        at = nominal.path.at(nominal.begin + way)
+        body = body_at(Pose2(at.x, at.y, at.heading), nominal.size)._replace(speed=speed, travelled=way)
+        yield Scene(way / speed, {EGO: body, **nominal.standing}, nominal.path, {})
 
 
-def laid(ride: Ride, onto: ReferencePath, begin: float, change: Mapping[str, Any], of: Element) -> Laid:
-    """Return the path that leaves a ride's at `begin` [m] and goes over beside another line.
+def changed_path(
+    nominal: NominalDrive, onto: ReferencePath, begin: float, change: Mapping[str, Any], of: Element
+) -> PathChange:
+    """Return the path that leaves that of a nominal drive at `begin` [m] and goes over beside another line.
 
     `change` is that of a story's `line`: `offset_m` beside the line, by `shape` in `over_s`, `over_m` or `rate_mps`.
     Raises NotTakenError where it is a jump, and where it takes a time at a speed that nobody knows.
     """
-    start = ride.path.at(begin)
+    start = nominal.path.at(begin)
     foot = onto.project(start.x, start.y)
-    over = _way(change, change["offset_m"] - foot.d, ride.speed, of)
+    over = _way(change, change["offset_m"] - foot.d, nominal.speed, of)
     shift = Transition(foot.d, change["offset_m"], change.get("shape", "step"), over)
-    points = [ride.path.at(n * SPACING)[:2] for n in range(math.floor(begin / SPACING) + 1)]
+    points = [nominal.path.at(n * SPACING)[:2] for n in range(math.floor(begin / SPACING) + 1)]
     s, end, last = foot.s, begin, (start.x, start.y)
     for gone, step in _pieces(over):
         d = shift.at(gone)[0]
@@ -182,7 +184,7 @@ def laid(ride: Ride, onto: ReferencePath, begin: float, change: Mapping[str, Any
         s, last = s + step / max(1.0 - d * at.curvature, 0.2), here
         if s > onto.length:
             break
-    return Laid(points, begin, end)
+    return PathChange(points, begin, end)
 
 
 def _pieces(over: float) -> Iterator[tuple[float, float]]:

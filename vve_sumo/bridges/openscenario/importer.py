@@ -24,7 +24,7 @@ from vve_sumo.bridges.openscenario.actions import (
     speed_target,
 )
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, Ride, body_at
+from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, NominalDrive, body_at
 from vve_sumo.bridges.openscenario.entities import Entity, read_entities
 from vve_sumo.bridges.openscenario.lines import ACROSS, Track, track_of, trajectory_track
 from vve_sumo.bridges.openscenario.parameters import Scope
@@ -38,6 +38,7 @@ from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
 from vve_sumo.bridges.scenario_import.workspace_files import LOT
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.errors import ConfigError
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Weather
 from vve_sumo.scenario.story_conditions import Body
 from vve_sumo.values import EGO
@@ -145,9 +146,8 @@ class _Reader:
         }
         self._start_all()
         self._stage.places.moving = self._moving()
-        context = Context(
-            self._stage.ids, ego.place, {}, {}, self._variables(), types=self._types, changes=bool(self._stage.laid)
-        )
+        context = Context(self._stage.ids, ego.place, {}, {}, self._variables(), types=self._types)
+        context.changes = bool(self._stage.path_changes)
         board = Storyboard(self._document, self._stage, context, self._problems)
         stop = board.compile()
         table = self._table(ego, starts, board.stories, stop)
@@ -171,25 +171,28 @@ class _Reader:
 
     def _ego_path(self, track: Track) -> EgoPath:
         """Return the ego's path from where it begins, with the changes of lane and offset that the file has it make."""
-        points = track.points if abs(track.path_d) <= BESIDE else _beside(track, self._ego.element)
-        path = reference(points, self._ego.element)
-        begin = path.project(*_on(track, self._ego.element)).s
+        points, path, begin = track.points, reference(track.points, self._ego.element), track.path_s
+        if abs(track.path_d) > BESIDE:
+            start = _beside(path, begin, track.path_d)
+            points = [_beside(path, float(n), track.path_d) for n in range(math.floor(path.length) + 1)]
+            path = reference(points, self._ego.element)
+            begin = path.project(*start).s
         context = Context(self._stage.ids, _nowhere, {}, {}, self._variables(), types=self._types)
         board = Storyboard(self._document, self._stage, context, Problems())
         for event, kind in ((event, kind) for name in self._entities for event, kind in board.doing(name)):
             for actor in event.actors:
                 self._stage.sidewards.setdefault(actor, set()).add(kind.tag)
         size = self._ego.length, self._ego.width, self._ego.reference
-        ride = Ride(path, begin, self._kept_speed(board), self._never_moving(board), size)
-        ego = EgoPath(self._stage, self._ego.name, points, ride)
+        nominal = NominalDrive(path, begin, self._kept_speed(board), self._never_moving(board), size)
+        ego = EgoPath(self._stage, self._ego.name, points, nominal)
         for one in self._inits:
             if one.who == ego.name and one.kind.tag in CHANGES:
                 try:
-                    ego, made = ego.with_change(one.kind, one.scope, ego.ride.begin)
-                    self._stage.laid[0, id(one.kind)] = 0.0, made.end - made.begin
+                    ego, made = ego.with_change(one.kind, one.scope, ego.nominal.begin)
+                    self._stage.path_changes[0, id(one.kind)] = 0.0, made.end - made.begin
                 except NotTakenError as error:
-                    self._stage.not_laid[0, id(one.kind)] = error
-        return board.lay(ego)
+                    self._stage.refused_changes[0, id(one.kind)] = error
+        return board.change_path(ego)
 
     def _kept_speed(self, board: Storyboard) -> float | None:
         """Return the speed that the ego keeps in the file [m/s], None where that changes it or begins from rest."""
@@ -363,10 +366,10 @@ class _Reader:
     def _of_ego(self, kind: Element) -> None:
         if longitudinal(kind):
             self._problems.note(f"{kind.where}: the ego's controller drives in place of it")
-        elif (0, id(kind)) in self._stage.laid:
+        elif (0, id(kind)) in self._stage.path_changes:
             self._problems.note(f"{kind.where}: the ego's path follows it")
-        elif (0, id(kind)) in self._stage.not_laid:
-            raise self._stage.not_laid[0, id(kind)]
+        elif (0, id(kind)) in self._stage.refused_changes:
+            raise self._stage.refused_changes[0, id(kind)]
         elif read_action(kind, self._document.scope, self._ego.name, self._stage) is not None:
             raise NotTakenError(kind, "the ego's path is the one that it begins on")
 
@@ -431,12 +434,12 @@ class _Reader:
         )
         name = track.path
         if ego.points is not track.points:
-            name = self._stage.files.named("ego_path" if self._stage.laid else "ego_beside", ego.points)
+            name = self._stage.files.named("ego_path" if self._stage.path_changes else "ego_beside", ego.points)
         table: dict[str, Any] = {"path": name, "speed_mps": speed}
         if initial >= SLOWEST:
-            table |= {"initial_speed_mps": initial, "initial_s_m": max(round(ego.ride.begin, 4), 0.0)}
+            table |= {"initial_speed_mps": initial, "initial_s_m": max(round(ego.nominal.begin, 4), 0.0)}
         else:
-            table["path"] = self._stage.files.named("ego_from_rest", _from(ego.ride))
+            table["path"] = self._stage.files.named("ego_from_rest", _from(ego.nominal))
         return table | {"lot": dict(LOT)}
 
     def _greatest_speed(self) -> float:
@@ -488,22 +491,12 @@ def _nowhere(position: Element, _scope: Scope) -> tuple[float, float]:
     raise NotTakenError(position, "no place is known before the start")
 
 
-def _beside(track: Track, of: Element) -> Points:
-    """Return the line of an ego that begins beside its lane's middle and stays there."""
-    path = reference(track.points, of)
-    found = []
-    for n in range(math.floor(path.length) + 1):
-        at = path.at(float(n))
-        found.append((at.x - track.path_d * math.sin(at.heading), at.y + track.path_d * math.cos(at.heading)))
-    return found
+def _beside(path: ReferencePath, s: float, d: float) -> tuple[float, float]:
+    """Return the point of a path's coordinates s and d [m]."""
+    at = path.at(s)
+    return at.x - d * math.sin(at.heading), at.y + d * math.cos(at.heading)
 
 
-def _from(ride: Ride) -> Points:
+def _from(nominal: NominalDrive) -> Points:
     """Return the line from where the ego is on: from rest a drive begins at its path's start."""
-    return [ride.path.at(ride.begin + n)[:2] for n in range(math.floor(ride.path.length - ride.begin) + 1)]
-
-
-def _on(track: Track, of: Element) -> tuple[float, float]:
-    """Return x, y [m] of where an entity begins."""
-    at = reference(track.points, of).at(track.path_s)
-    return at.x - track.path_d * math.sin(at.heading), at.y + track.path_d * math.cos(at.heading)
+    return [nominal.path.at(nominal.begin + n)[:2] for n in range(math.floor(nominal.path.length - nominal.begin) + 1)]

@@ -21,7 +21,7 @@ from vve_sumo.bridges.openscenario.actions import (
     read_action,
 )
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, Laid, Ride, fires_at
+from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, NominalDrive, PathChange, fires_at
 from vve_sumo.bridges.openscenario.entities import slug
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled, latched
@@ -109,10 +109,11 @@ class Storyboard:
                 if (kind := _private_kind(one)) is not None:
                     yield event, kind
 
-    def lay(self, path: EgoPath) -> EgoPath:
-        """Return the ego's path with the changes of the storyboard in it; what is not goes to the stage's `not_laid`.
+    def change_path(self, path: EgoPath) -> EgoPath:
+        """Return the ego's path with the changes of the storyboard in it.
 
-        Use a storyboard of its own for that: it knows nothing of what others do.
+        The stage's `refused_changes` say why others are not. Use a storyboard of its own for that: it knows nothing of
+        what others do.
         """
         for event in self._events:
             self._name_actions(event)
@@ -126,7 +127,7 @@ class Storyboard:
             try:
                 path = self._with_change(path, event, kind) if kind.tag in CHANGES else path
             except NotTakenError as error:
-                self._stage.not_laid[event.maneuver, id(kind)] = error
+                self._stage.refused_changes[event.maneuver, id(kind)] = error
         return path
 
     def _with_change(self, path: EgoPath, event: Event, kind: Element) -> EgoPath:
@@ -136,19 +137,19 @@ class Storyboard:
             return path  # it never begins
         if event.times > 1:
             raise NotTakenError(kind, "a change of lane or offset of the ego that repeats is not taken")
-        begin = fires_at(armed, when, path.ride, kind)
+        begin = fires_at(armed, when, path.nominal, kind)
         if begin == math.inf:
             raise NotTakenError(kind, "at the ego's speed at the start it begins nowhere on the ego's path")
         before, key = self._stage.tracks[path.name], (event.maneuver, id(kind))
         changed, made = path.with_change(kind, event.scope, begin)
-        self._stage.laid[key] = begin - path.ride.begin, made.end - path.ride.begin
-        self._stage.decided.append((armed, when, path.ride.speed))
+        self._stage.path_changes[key] = begin - path.nominal.begin, made.end - path.nominal.begin
+        self._stage.decided.append((armed, when, path.nominal.speed))
         self._known_by_place(event)
         try:
             self._on(changed)
-            self._uninterrupted(event, kind, changed.ride, made)
+            self._uninterrupted(event, kind, changed.nominal, made)
         except NotTakenError:
-            del self._stage.laid[key]
+            del self._stage.path_changes[key]
             self._stage.tracks[path.name] = before
             event.states[0].unknown = "the ego's change is not taken"
             raise
@@ -162,7 +163,7 @@ class Storyboard:
 
     def _known_by_place(self, event: Event) -> bool:
         """Take down where an event of changes that are all in the ego's path begins and is over; whether it is one."""
-        own = [self._stage.laid.get((event.maneuver, id(_private_kind(one)))) for one in event.actions]
+        own = [self._stage.path_changes.get((event.maneuver, id(_private_kind(one)))) for one in event.actions]
         ways = [way for way in own if way is not None]
         if not ways or len(ways) < len(own):
             return False
@@ -174,17 +175,17 @@ class Storyboard:
             state.markers.append([[_gone(max(end for _, end in ways))]])
         return True
 
-    def _uninterrupted(self, event: Event, kind: Element, ride: Ride, made: Laid) -> None:
+    def _uninterrupted(self, event: Event, kind: Element, nominal: NominalDrive, made: PathChange) -> None:
         """Raise NotTakenError where another event or its act's stop trigger ends a change before it is over."""
         for other in self._events:
             overrides = other.scope.text(other.element, "priority", "parallel") in OVERRIDING
             if other is event or other.maneuver != event.maneuver or not overrides:
                 continue
             armed, when = self._triggers(other)
-            if armed is not None and when is not None and made.begin <= fires_at(armed, when, ride, kind) < made.end:
+            if armed is not None and when is not None and made.begin <= fires_at(armed, when, nominal, kind) < made.end:
                 raise NotTakenError(kind, f"{other.name!r} ends the ego's change before it is over")
         stop = self._stop_of(event)
-        if stop and fires_at([], stop, ride, kind) < made.end:
+        if stop and fires_at([], stop, nominal, kind) < made.end:
             raise NotTakenError(kind, "its act is stopped before the ego's change is over")
 
     def compile(self) -> Groups:
@@ -426,15 +427,15 @@ class Storyboard:
     def _of_ego(self, event: Event, kind: Element, ego: str) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
         begun, key = id(kind) in self._stage.begun, (event.maneuver, id(kind))
-        if key in self._stage.laid:
-            begin, end = self._stage.laid[key]
+        if key in self._stage.path_changes:
+            begin, end = self._stage.path_changes[key]
             self._problems.note(
                 f"{event.element.where} {event.name!r}: the ego's path follows its {kind.tag}, {begin:.1f} m to "
                 f"{end:.1f} m from the start"
             )
             return
         if kind.tag in LEADING_OFF and not begun:
-            raise self._stage.not_laid.get(key) or NotTakenError(
+            raise self._stage.refused_changes.get(key) or NotTakenError(
                 kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
             )
         why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
