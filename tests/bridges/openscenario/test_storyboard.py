@@ -91,6 +91,20 @@ def test_an_event_is_done_as_often_as_it_may(tmp_path: Path, times: int) -> None
     assert speeds(played(imported(tmp_path, text), 4.0), 0.9, 4.0) == pytest.approx([10.0, 10.0 + times])
 
 
+@pytest.mark.parametrize("times", [1, 4])
+def test_a_group_of_one_event_is_done_as_often_as_it_may(tmp_path: Path, times: int) -> None:
+    text = scenario(event("e", RELATIVE, after("1")))
+    text = text.replace('name="g" maximumExecutionCount="1"', f'name="g" maximumExecutionCount="{times}"')
+    assert speeds(played(imported(tmp_path, text), 4.0), 0.9, 4.0) == pytest.approx([10.0, 10.0 + times])
+
+
+@pytest.mark.parametrize("more", [event("f", step("3"), after("9")), "delay"])
+def test_a_group_that_repeats_more_than_one_event_is_refused(tmp_path: Path, more: str) -> None:
+    events = event("e", RELATIVE, after("1"), delay="1") if more == "delay" else event("e", RELATIVE, after("1")) + more
+    text = scenario(events).replace('name="g" maximumExecutionCount="1"', 'name="g" maximumExecutionCount="2"')
+    assert "<ManeuverGroup>: a group that repeats is taken with one event alone" in problems(tmp_path, text)[0]
+
+
 def test_events_that_repeat_take_turns(tmp_path: Path) -> None:
     def near(rule: str) -> str:
         return of_entity(f"""<RelativeDistanceCondition entityRef="Other" relativeDistanceType="longitudinal"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Final
 
 from vve_sumo.bridges.openscenario.lines import Track, lane_track, track_of, trajectory_track
@@ -28,7 +29,8 @@ LOOKS: Final = ("AppearanceAction",)
 ROUTES: Final = ("AssignRouteAction", "AcquirePositionAction")
 PATHS: Final = (*ROUTES, "FollowTrajectoryAction")
 #: what leads an entity off the path that it is on
-LEADING_OFF: Final = (*PATHS, "TeleportAction", "LaneChangeAction", "LaneOffsetAction", "LateralDistanceAction")
+LATERAL: Final = ("LaneChangeAction", "LaneOffsetAction", "LateralDistanceAction")
+LEADING_OFF: Final = (*PATHS, "TeleportAction", *LATERAL)
 
 
 @dataclass(slots=True)
@@ -44,6 +46,12 @@ class Stage:
     ego_place: Callable[[Element, Scope], tuple[float, float]] = lambda _element, _scope: (0.0, 0.0)
     controlled: set[str] = field(default_factory=set)  #: entities that have a controller of their own
     begun: set[int] = field(default_factory=set)  #: identities of elements of the story that are part of the start
+    sidewards: dict[str, set[str]] = field(default_factory=dict)  #: what of lateral kinds a story has each entity do
+    path_changes: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
+    """Changes that the ego's path has in it, by the number of their manoeuvre and the identity of their element: the
+    ways from the start to where each begins and is over [m]."""
+    decided: list[object] = field(default_factory=list)  #: triggers and speeds that say where those begin
+    refused_changes: dict[tuple[int, int], NotTakenError] = field(default_factory=dict)  #: why others are not in it
 
     def id(self, element: Element, name: str) -> str:
         """Return an entity's id; raises NotTakenError for none."""
@@ -64,8 +72,35 @@ def kind_of(action: Element) -> Element:
     while inner.tag in ("PrivateAction", "LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction"):
         if not inner.children:
             raise NotTakenError(inner, "expected an action in it")
+        if len(inner.children) > 1:
+            return _idle(inner)
         inner = inner.children[0]
     return inner
+
+
+def _idle(action: Element) -> Element:
+    """Return the one of several controller actions that does something; raises NotTakenError where both do.
+
+    Until version 1.1 every action that assigns a controller also says which inputs it overrides, most often none.
+    """
+    does = [one for one in action.children if _overrides(one)]
+    if action.tag != "ControllerAction" or len(does) > 1:
+        raise NotTakenError(action, f"expected one action in it, got {len(action.children)}")
+    return (does or action.children)[0]
+
+
+def _overrides(action: Element) -> bool:
+    """Whether a controller action does more than to say of inputs that they are not overridden."""
+    return any(one.attributes.get("active", "").lower() not in ("false", "0") for one in action.children)
+
+
+def drives_as_usual(controller: Element) -> bool:
+    """Whether a controller, or a reference to one, is the one that every entity has without any."""
+    properties = [one.attributes.get("value") for one in controller.walk() if one.tag == "Property"]
+    if properties:
+        return all(value == "DefaultController" for value in properties)
+    name = controller.attributes.get("name", controller.attributes.get("entryName", ""))
+    return name.lower().startswith("default")
 
 
 def longitudinal(of: Element) -> bool:
@@ -88,6 +123,10 @@ def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | N
         idle = who not in stage.controlled and of.tag == "ActivateControllerAction"
         off = not any(scope.flag(of, key, False) for key in ("lateral", "longitudinal")) and bool(of.attributes)
         if stage.ids[who] == "ego" or idle or (off and of.tag == "ActivateControllerAction"):
+            return None
+        if of.tag == "AssignControllerAction" and all(map(drives_as_usual, of.children)):
+            return None
+        if of.tag == "OverrideControllerValueAction" and not _overrides(of):
             return None
         raise NotTakenError(of, "an entity that a controller of its own drives is not taken")
     if of.tag in LOOKS:
@@ -168,7 +207,19 @@ def _profile(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     points = [{"over_s": scope.number(one, "time"), "speed_mps": scope.number(one, "speed")} for one in entries]
     if any(not 0.0 <= one["speed_mps"] <= 100.0 or one["over_s"] < 0.0 for one in points):
         raise NotTakenError(of, "expected times from 0 on and speeds of 0 to 100 m/s")
+    _allowed(of, scope, points)
     return {"profile": points}
+
+
+def _allowed(of: Element, scope: Scope, points: list[dict[str, float]]) -> None:
+    """Raise NotTakenError where a profile changes a speed faster than its limits allow."""
+    limits = of.child("DynamicConstraints")
+    for one, later in pairwise(points):
+        change, time = later["speed_mps"] - one["speed_mps"], later["over_s"]
+        name = "maxAcceleration" if change > 0.0 else "maxDeceleration"
+        greatest = math.inf if limits is None or name not in limits.attributes else abs(scope.number(limits, name))
+        if abs(change) > greatest * time + 1e-6:
+            raise NotTakenError(of, f"its speeds change faster than its {name} allows, which is not taken")
 
 
 def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
@@ -194,6 +245,8 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         )
         if rate is not None:
             raise NotTakenError(limits, f"{rate} is not taken")
+        if "maxSpeed" in limits.attributes and "maxAcceleration" not in limits.attributes:
+            raise NotTakenError(limits, "maxSpeed is taken beside maxAcceleration and maxDeceleration alone")
         keys = {
             "maxAcceleration": "acceleration_mps2",
             "maxDeceleration": "deceleration_mps2",
@@ -220,6 +273,7 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         other = stage.tracks.get(name)
         if other is None or other.lane is None or other.road != track.road:
             raise NotTakenError(relative, f"the lane of {name!r} on the road of {who} is not known")
+        _steady(relative, name, who, stage, "LaneChangeAction", "LateralDistanceAction")
         lane = neighbour(other.lane, scope.whole(relative, "value") * other.sense)
     own = stage.ids[who]
     moved = lane_track(
@@ -229,6 +283,12 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     offset = scope.number(of, "targetLaneOffset", 0.0) * track.sense
     stage.tracks[who] = replace(moved, path_d=offset)
     return {"line": {"path": moved.path, "offset_m": offset} | reached}
+
+
+def _steady(of: Element, name: str, who: str, stage: Stage, *tags: str) -> None:
+    """Raise NotTakenError where an entity other than `who` itself does by then what one of the names says."""
+    if name != who and not stage.sidewards.get(name, set()).isdisjoint(tags):
+        raise NotTakenError(of, f"what counts from {name!r}, which changes lane or offset itself, is not taken")
 
 
 def _t(track: Track, stage: Stage) -> float:
@@ -250,12 +310,16 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     dynamics = _needed(of, "LaneOffsetActionDynamics")
     shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.path_d)
     line: dict[str, Any] = {"offset_m": target}
-    if shape not in SHAPES or (shape == "linear" and change > 0.0):
+    limited = "maxLateralAcc" in dynamics.attributes
+    if shape not in SHAPES or (shape == "linear" and limited and change > 0.0):
         raise NotTakenError(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
-    if shape != "step" and change > 0.0:
+    # Without a limit it is done at once.
+    if shape != "step" and limited and change > 0.0:
+        if (limit := scope.number(dynamics, "maxLateralAcc")) <= 0.0:
+            raise NotTakenError(dynamics, f"maxLateralAcc: expected more than 0, got {limit:g}")
         # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
-        line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
+        line |= {"shape": shape, "over_s": math.sqrt(factor * change / limit)}
     stage.tracks[who] = replace(track, path_d=target)
     return {"line": line}
 
@@ -265,6 +329,7 @@ def _beside(of: Element, scope: Scope, track: Track, stage: Stage) -> float:
     other = stage.track(of, name := scope.text(of, "entityRef"))
     if other.road is None or other.lane is None or (other.road, other.lane) != (track.road, track.lane):
         raise NotTakenError(of, f"an offset relative to {name}, which is not in the same lane, is not taken")
+    _steady(of, name, "", stage, *LATERAL)
     # Both count left of the road's reference line; the ego keeps the offset that it begins with.
     return (other.path_d * other.sense + scope.number(of, "value")) * track.sense
 

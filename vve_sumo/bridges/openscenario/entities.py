@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.bridges.openscenario.document import Document
+from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.errors import ConfigError
@@ -27,6 +28,8 @@ KINDS: Final = {
     "motorbike": "motorcycle",
     "bicycle": "bicycle",
 }
+#: types of entities by the names of their elements
+TYPES: Final = {"Vehicle": "vehicle", "Pedestrian": "pedestrian", "MiscObject": "miscellaneous"}
 #: below this height a pedestrian is a child [m]
 CHILD_HEIGHT: Final = 1.4
 
@@ -42,6 +45,8 @@ class Entity:
     length: float  #: [m]
     width: float  #: [m]
     reference: float  #: from its reference point forward to its centre [m]
+    type: str  #: as the standard's conditions name it: vehicle, pedestrian or miscellaneous
+    trailer: Element | None  #: that it pulls
 
 
 def slug(name: str, fallback: str = "unnamed") -> str:
@@ -89,7 +94,7 @@ def _chosen(document: Document, objects: list[Element], names: list[str], ego: s
 
 def _entity(document: Document, element: Element, name: str, own: str) -> Entity:
     try:
-        of, scope = document.resolved(element, document.scope, "Vehicle", "Pedestrian", "MiscObject")
+        of, scope = document.resolved(element, document.scope, *TYPES)
         kind = "car"
         box = of.child("BoundingBox")
         size, centre = (None, None) if box is None else (box.child("Dimensions"), box.child("Center"))
@@ -103,6 +108,14 @@ def _entity(document: Document, element: Element, name: str, own: str) -> Entity
             kind = "child" if height < CHILD_HEIGHT else "pedestrian"
         length = 4.6 if size is None else scope.number(size, "length")
         width = 1.8 if size is None else scope.number(size, "width")
-        return Entity(name, own, element, kind, length, width, 0.0 if centre is None else scope.number(centre, "x"))
+        reference = 0.0 if centre is None else scope.number(centre, "x")
+        return Entity(name, own, element, kind, length, width, reference, TYPES[of.tag], _trailer(of, scope))
     except NotTakenError as error:
         raise ConfigError(str(error)) from None
+
+
+def _trailer(of: Element, scope: Scope) -> Element | None:
+    """Return the trailer of a vehicle; a reference to no entity, as catalogs have it for parameters, is none."""
+    trailer = of.child("Trailer")
+    reference = None if trailer is None else trailer.child("TrailerRef")
+    return trailer if reference is None or scope.text(reference, "entityRef") else None

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from vve_sumo.bridges.openscenario.actions import (
+    LOOKS,
     ROUTES,
     Action,
     Stage,
+    drives_as_usual,
     kind_of,
     longitudinal,
     read_action,
@@ -22,6 +24,7 @@ from vve_sumo.bridges.openscenario.actions import (
     speed_target,
 )
 from vve_sumo.bridges.openscenario.document import Document
+from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, NominalDrive, body_at
 from vve_sumo.bridges.openscenario.entities import Entity, read_entities
 from vve_sumo.bridges.openscenario.lines import ACROSS, Track, track_of, trajectory_track
 from vve_sumo.bridges.openscenario.parameters import Scope
@@ -35,7 +38,9 @@ from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
 from vve_sumo.bridges.scenario_import.workspace_files import LOT
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.errors import ConfigError
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Weather
+from vve_sumo.scenario.story_conditions import Body
 from vve_sumo.values import EGO
 
 #: a drive that no stop trigger ends by time ends after so long [s]
@@ -46,6 +51,8 @@ MARGIN: Final = 10.0
 REST: Final = 30.0
 #: who stands faces its lane's way where it is stated no farther from it than this [rad]
 FACING: Final = 1e-3
+#: who begins no farther than this beside its line is on it [m]
+BESIDE: Final = 1e-3
 #: the ego's speeds [m/s]: slower it begins from rest, faster none is driven
 SLOWEST, FASTEST = 1.0, 40.0
 
@@ -60,6 +67,7 @@ class Imported:
     notes: list[str]  #: what is taken otherwise than it stands there
     roads: RoadMap
     numbers: dict[str, float] = field(default_factory=dict)  #: the file's parameters that are numbers
+    decided: list[object] = field(default_factory=list)  #: what says where the ego's path changes lane or offset
 
 
 def roads_file(document: Document) -> Path:
@@ -113,8 +121,11 @@ class _Reader:
         self._stage = Stage(
             Places(document, roads), LineFiles(name), {one.name: one.id for one in self._entities.values()}
         )
+        self._types = {one.id: one.type for one in self._entities.values()}
         self._first: dict[str, list[Action]] = {}
         self._friction: float | None = None
+        self._ramped = False  #: whether the file has the ego change to its first speed
+        self._begun: set[int] = set()  #: identities of actions at the start that are no more than a first speed
         self._inits = self._init_actions()
         self._inits += self._of_story_at_once()
 
@@ -124,26 +135,22 @@ class _Reader:
         if self._ego.name not in starts:
             why = "; ".join(["the ego has no place at the start", *self._problems.found[:1]])
             self._refuse(NotTakenError(self._ego.element, why))
-        ego_track = starts[self._ego.name]
-        path = reference(ego_track.points, self._ego.element)
-
-        def place(position: Element, scope: Scope) -> tuple[float, float]:
-            there = self._stage.places.spot(position, scope).pose
-            foot = path.project(there.x, there.y)
-            if not -1.0 <= foot.s <= path.length + 1.0:
-                raise NotTakenError(position, "a place behind or beyond the ego's path is not taken")
-            return round(foot.s, 4), round(foot.d, 4) + 0.0
-
-        self._stage.ego_place = place
+        self._start_speeds()
+        ego = self._ego_path(starts[self._ego.name])
+        self._stage.ego_place = ego.place
         self._stage.controlled = {
-            one.name for one in self._entities.values() if one.element.child("ObjectController") is not None
+            one.name
+            for one in self._entities.values()
+            for holder in one.element.all("ObjectController")
+            if not all(map(drives_as_usual, holder.children))
         }
         self._start_all()
         self._stage.places.moving = self._moving()
-        context = Context(self._stage.ids, place, {}, {}, self._variables())
+        context = Context(self._stage.ids, ego.place, {}, {}, self._variables(), types=self._types)
+        context.changes = bool(self._stage.path_changes)
         board = Storyboard(self._document, self._stage, context, self._problems)
         stop = board.compile()
-        table = self._table(ego_track, starts, board.stories, stop)
+        table = self._table(ego, starts, board.stories, stop)
         return Imported(
             table,
             self._stage.files.points,
@@ -151,6 +158,7 @@ class _Reader:
             self._problems.notes,
             self._roads,
             self._document.numbers,
+            self._stage.decided,
         )
 
     def _refuse(self, error: NotTakenError) -> None:
@@ -160,6 +168,52 @@ class _Reader:
         holder = self._document.root.child("VariableDeclarations")
         declared = [] if holder is None else holder.children
         return {one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in declared}
+
+    def _ego_path(self, track: Track) -> EgoPath:
+        """Return the ego's path from where it begins, with the changes of lane and offset that the file has it make."""
+        points, path, begin = track.points, reference(track.points, self._ego.element), track.path_s
+        if abs(track.path_d) > BESIDE:
+            start = _beside(path, begin, track.path_d)
+            points = [_beside(path, float(n), track.path_d) for n in range(math.floor(path.length) + 1)]
+            path = reference(points, self._ego.element)
+            begin = path.project(*start).s
+        context = Context(self._stage.ids, _nowhere, {}, {}, self._variables(), types=self._types)
+        board = Storyboard(self._document, self._stage, context, Problems())
+        for event, kind in ((event, kind) for name in self._entities for event, kind in board.doing(name)):
+            for actor in event.actors:
+                self._stage.sidewards.setdefault(actor, set()).add(kind.tag)
+        size = self._ego.length, self._ego.width, self._ego.reference
+        nominal = NominalDrive(path, begin, self._kept_speed(board), self._never_moving(board), size)
+        ego = EgoPath(self._stage, self._ego.name, points, nominal)
+        for one in self._inits:
+            if one.who == ego.name and one.kind.tag in CHANGES:
+                try:
+                    ego, made = ego.with_change(one.kind, one.scope, ego.nominal.begin)
+                    self._stage.path_changes[0, id(one.kind)] = 0.0, made.end - made.begin
+                except NotTakenError as error:
+                    self._stage.refused_changes[0, id(one.kind)] = error
+        return board.change_path(ego)
+
+    def _kept_speed(self, board: Storyboard) -> float | None:
+        """Return the speed that the ego keeps in the file [m/s], None where that changes it or begins from rest."""
+        of_story = [kind for _, kind in board.doing(self._ego.name)]
+        of_start = [one.kind for one in self._inits if one.who == self._ego.name and id(one.kind) not in self._begun]
+        speed = self._stage.speeds.get(self._ego.name, 0.0)
+        if speed < SLOWEST or self._ramped or any(longitudinal(kind) for kind in (*of_story, *of_start)):
+            return None
+        return speed
+
+    def _never_moving(self, board: Storyboard) -> dict[str, Body]:
+        """Return the entities that never move, by id."""
+        moving = {one.who for one in self._inits if one.kind.tag not in ("TeleportAction", "SpeedAction", *LOOKS)}
+        moving |= {name for name, speed in self._stage.speeds.items() if speed > 0.0} | board.actors
+        moving |= {one.who for one in self._inits if one.kind.tag == "SpeedAction" and id(one.kind) not in self._begun}
+        found = {}
+        for one in self._entities.values():
+            spot = self._stage.places.entities.get(one.name)
+            if one.id != EGO and one.name not in moving and spot is not None:
+                found[one.id] = body_at(spot.pose, (one.length, one.width, one.reference))
+        return found
 
     def _moving(self) -> set[str]:
         """Return the entities that may be elsewhere than at the start when an event begins."""
@@ -171,11 +225,7 @@ class _Reader:
 
     def _of_story_at_once(self) -> list[_Start]:
         """Return what says where entities go, of events that begin with the drive."""
-
-        def nowhere(position: Element, scope: Scope) -> tuple[float, float]:
-            raise NotTakenError(position, "no place is known before the start")
-
-        context = Context(self._stage.ids, nowhere, {}, {}, {})
+        context = Context(self._stage.ids, _nowhere, {}, {}, {})
         board = Storyboard(self._document, self._stage, context, Problems())
         begun = [_Start(name, kind, scope) for name in self._entities for kind, scope in board.at_once(name)]
         self._stage.begun = {id(one.kind) for one in begun}
@@ -278,14 +328,24 @@ class _Reader:
         except NotTakenError as error:
             self._problems.add(error)
 
+    def _start_speeds(self) -> None:
+        """Take the speeds that entities begin with."""
+        for name, kind, _scope in self._inits:
+            try:
+                if kind.tag == "SpeedAction" and name in self._stage.tracks and self._speed_at_start(name, kind):
+                    self._begun.add(id(kind))
+            except NotTakenError as error:
+                if name == self._ego.name:
+                    self._refuse(error)  # such as one backwards: without a speed there is no ego
+                self._problems.add(error)
+                self._begun.add(id(kind))
+
     def _start_all(self) -> None:
-        """Take the speeds at the start, and what begins at once."""
+        """Take what begins at once."""
         for name, kind, scope in self._inits:
-            if kind.tag in ("TeleportAction", *ROUTES) or name not in self._stage.tracks:
+            if kind.tag in ("TeleportAction", *ROUTES) or name not in self._stage.tracks or id(kind) in self._begun:
                 continue
             try:
-                if kind.tag == "SpeedAction" and self._speed_at_start(name, kind):
-                    continue
                 if kind.tag == "FollowTrajectoryAction" and self._begins_on_it(name, kind):
                     continue
                 if name == self._ego.name:
@@ -293,8 +353,6 @@ class _Reader:
                     continue
                 action = read_action(kind, scope, name, self._stage)
             except NotTakenError as error:
-                if kind.tag == "SpeedAction" and name == self._ego.name:
-                    self._refuse(error)  # such as one backwards: without a speed there is no ego
                 self._problems.add(error)
                 continue
             if action is not None:
@@ -308,6 +366,10 @@ class _Reader:
     def _of_ego(self, kind: Element) -> None:
         if longitudinal(kind):
             self._problems.note(f"{kind.where}: the ego's controller drives in place of it")
+        elif (0, id(kind)) in self._stage.path_changes:
+            self._problems.note(f"{kind.where}: the ego's path follows it")
+        elif (0, id(kind)) in self._stage.refused_changes:
+            raise self._stage.refused_changes[0, id(kind)]
         elif read_action(kind, self._document.scope, self._ego.name, self._stage) is not None:
             raise NotTakenError(kind, "the ego's path is the one that it begins on")
 
@@ -323,10 +385,13 @@ class _Reader:
         step = dynamics is None or scope.text(dynamics, "dynamicsShape") == "step" or name == self._ego.name
         if step:
             self._stage.speeds[name] = max(speed, 0.0)
+        if name == self._ego.name and dynamics is not None and scope.text(dynamics, "dynamicsShape") != "step":
+            self._ramped = True
+            self._problems.note(f"{kind.where}: the ego has this speed from the start on, without a change to it")
         return step and not target.get("continuous")
 
     def _table(
-        self, ego: Track, starts: Mapping[str, Track], stories: Mapping[str, list[Action]], stop: Groups
+        self, ego: EgoPath, starts: Mapping[str, Track], stories: Mapping[str, list[Action]], stop: Groups
     ) -> dict[str, Any]:
         header = self._document.root.child("FileHeader")
         said = "" if header is None else " ".join(header.attributes.get("description", "").split())
@@ -340,11 +405,14 @@ class _Reader:
             table["after_stop_s"] = REST
         if self._friction is not None:
             table["weather"] = {"friction": self._friction}
-        table["ego"] = self._ego_table(ego)
+        table["ego"] = self._ego_table(ego, starts[self._ego.name])
         others = [one for one in self._entities.values() if one.id != EGO]
         table["actors"] = [
             self._actor(one, starts[one.name], stories[one.name]) for one in others if one.name in starts
         ]
+        for one in self._entities.values():
+            if one.trailer is not None:
+                self._problems.add(NotTakenError(one.trailer, f"{one.name!r} has no trailer here"))
         for one in others:
             if one.name not in starts:
                 self._problems.note(f"{one.element.where} {one.name!r} is never placed: it is not there")
@@ -352,7 +420,7 @@ class _Reader:
             table["end_trigger"] = {"when": stop}
         return table
 
-    def _ego_table(self, track: Track) -> dict[str, Any]:
+    def _ego_table(self, ego: EgoPath, track: Track) -> dict[str, Any]:
         initial = self._stage.speeds.get(self._ego.name, 0.0)
         speed = initial if initial >= SLOWEST else self._greatest_speed()
         if not SLOWEST <= speed <= FASTEST:
@@ -364,15 +432,14 @@ class _Reader:
         self._problems.note(
             "the ego is the car of the scenario here; where it begins, its rear axle is at the file's place"
         )
-        if abs(track.path_d) > 1e-3:
-            beside = _beside(track, self._ego.element)
-            track = replace(track, points=beside, path=self._stage.files.named("ego_beside", beside), path_d=0.0)
-        table: dict[str, Any] = {"path": track.path, "speed_mps": speed}
+        name = track.path
+        if ego.points is not track.points:
+            name = self._stage.files.named("ego_path" if self._stage.path_changes else "ego_beside", ego.points)
+        table: dict[str, Any] = {"path": name, "speed_mps": speed}
         if initial >= SLOWEST:
-            table |= {"initial_speed_mps": initial, "initial_s_m": track.path_s}
+            table |= {"initial_speed_mps": initial, "initial_s_m": max(round(ego.nominal.begin, 4), 0.0)}
         else:
-            points = _from(track, self._ego.element)
-            table["path"] = self._stage.files.named("ego_from_rest", points)
+            table["path"] = self._stage.files.named("ego_from_rest", _from(ego.nominal))
         return table | {"lot": dict(LOT)}
 
     def _greatest_speed(self) -> float:
@@ -420,17 +487,16 @@ class _Reader:
         return replace(track, path=path, points=points, path_s=0.0, path_d=0.0)
 
 
-def _beside(track: Track, of: Element) -> Points:
-    """Return the line of an ego that begins beside its lane's middle and stays there."""
-    path = reference(track.points, of)
-    found = []
-    for n in range(math.floor(path.length) + 1):
-        at = path.at(float(n))
-        found.append((at.x - track.path_d * math.sin(at.heading), at.y + track.path_d * math.cos(at.heading)))
-    return found
+def _nowhere(position: Element, _scope: Scope) -> tuple[float, float]:
+    raise NotTakenError(position, "no place is known before the start")
 
 
-def _from(track: Track, of: Element) -> Points:
+def _beside(path: ReferencePath, s: float, d: float) -> tuple[float, float]:
+    """Return the point of a path's coordinates s and d [m]."""
+    at = path.at(s)
+    return at.x - d * math.sin(at.heading), at.y + d * math.cos(at.heading)
+
+
+def _from(nominal: NominalDrive) -> Points:
     """Return the line from where the ego is on: from rest a drive begins at its path's start."""
-    path = reference(track.points, of)
-    return [path.at(track.path_s + n)[:2] for n in range(math.floor(path.length - track.path_s) + 1)]
+    return [nominal.path.at(nominal.begin + n)[:2] for n in range(math.floor(nominal.path.length - nominal.begin) + 1)]

@@ -50,6 +50,16 @@ _FUNCTIONS: Final[dict[str, Callable[..., float]]] = {
 _CONSTANTS: Final = {"pi": math.pi, "e": math.e, "true": True, "false": False}
 _BOOLEANS: Final = {"true": True, "1": True, "false": False, "0": False}
 
+#: how values are compared
+RULES: Final = {
+    "greaterThan": ">",
+    "lessThan": "<",
+    "equalTo": "==",
+    "greaterOrEqual": ">=",
+    "lessOrEqual": "<=",
+    "notEqualTo": "!=",
+}
+
 
 class Scope:
     """The parameters that are known at a place, and the values of attributes there."""
@@ -63,7 +73,20 @@ class Scope:
         for one in [] if element is None else element.all("ParameterDeclaration"):
             name = one.attributes.get("name", "")
             inner.values[name] = (given or {}).get(name) or str(inner.text(one, "value"))
+            inner.constrain(one, inner.values[name])
         return inner
+
+    def constrain(self, declaration: Element, value: str) -> None:
+        """Raise NotTakenError where a value meets none of the groups of constraints that its declaration states."""
+        groups = [[self._meets(one, value) for one in group.children] for group in declaration.all("ConstraintGroup")]
+        if groups and not any(all(group) for group in groups):
+            raise NotTakenError(declaration, f"its constraints do not allow {value[:80]!r}")
+
+    def _meets(self, constraint: Element, value: str) -> bool:
+        rule = self.text(constraint, "rule")
+        if rule not in RULES:
+            raise NotTakenError(constraint, f"rule: expected {', '.join(RULES)}, got {rule!r}")
+        return holds(value, RULES[rule], self.text(constraint, "value"))
 
     def text(self, element: Element, name: str, default: str | None = None) -> str:
         """Return an attribute's value; raises NotTakenError where it is missing or its expression is none."""
@@ -119,6 +142,17 @@ class Scope:
         except (SyntaxError, ValueError, TypeError, ArithmeticError, RecursionError, MemoryError):
             raise NotTakenError(element, f"{name}: expected an expression, got {raw[:80]!r}") from None
         return value
+
+
+def holds(value: str, rule: str, wanted: str) -> bool:
+    """Return whether a parameter or variable compares as a rule says: as numbers where both are."""
+    try:
+        one, other = float(value), float(wanted)
+    except ValueError:
+        same = value.lower() == wanted.lower()
+        return same if rule == "==" else rule == "!=" and not same
+    compared = {">": one > other, "<": one < other, "==": one == other}
+    return compared.get(rule, {">=": one >= other, "<=": one <= other, "!=": one != other}.get(rule, False))
 
 
 def _value(node: ast.AST) -> float | bool:

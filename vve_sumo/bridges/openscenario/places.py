@@ -200,6 +200,8 @@ class Places:
             raise NotTakenError(element, "a closed route is not taken")
         waypoints = []
         for one in element.all("Waypoint"):
+            if (strategy := inner.text(one, "routeStrategy", "shortest")) != "shortest":
+                raise NotTakenError(one, f"routeStrategy: expected shortest, got {strategy!r}")
             spot = self.spot(_position(one), inner)
             if spot.on is None:
                 raise NotTakenError(one, "a waypoint off all roads is not taken")

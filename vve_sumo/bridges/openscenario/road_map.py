@@ -366,6 +366,8 @@ def _section(element: Element) -> _Section:
         for one in [] if (found := element.child(side)) is None else found.all("lane"):
             links = {tag: one.child("link", tag) for tag in ("predecessor", "successor")}
             numbers = {tag: None if link is None else int(link.attributes["id"]) for tag, link in links.items()}
+            if not one.all("width"):
+                raise ValueError(f"line {one.line}: a lane without a width; borders are not taken")
             lanes[int(one.attributes["id"])] = _Lane(
                 one.attributes.get("type", "none"),
                 _cubics(one.all("width"), "sOffset"),

@@ -5,6 +5,7 @@ Knows actions, triggers and places; it must not know files that are written.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -20,6 +21,7 @@ from vve_sumo.bridges.openscenario.actions import (
     read_action,
 )
 from vve_sumo.bridges.openscenario.document import Document
+from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, NominalDrive, PathChange, fires_at
 from vve_sumo.bridges.openscenario.entities import slug
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled, latched
@@ -42,6 +44,7 @@ class Event:
     act_scope: Scope
     actors: list[str]  #: names of entities
     maneuver: int  #: number of its manoeuvre
+    rounds: int  #: how often its manoeuvre group is done
     states: list[ElementState] = field(default_factory=list)  #: of itself and what it is in, innermost first
     of_actions: dict[int, ElementState] = field(default_factory=dict)  #: by the identity of their elements
     names: list[str] = field(default_factory=list)  #: of its actions, ACTOR.NAME
@@ -62,7 +65,11 @@ class Event:
         stated = self.scope.whole(self.element, "maximumExecutionCount", 1)
         if stated < 1 and stated != -1:
             raise NotTakenError(self.element, f"maximumExecutionCount: expected 1 or more, got {stated}")
-        return MOST_TIMES if stated == -1 else min(stated, MOST_TIMES)
+        return min(_times(stated) * self.rounds, MOST_TIMES)
+
+
+def _times(stated: int) -> int:
+    return MOST_TIMES if stated == -1 else min(stated, MOST_TIMES)
 
 
 class Storyboard:
@@ -74,6 +81,7 @@ class Storyboard:
         self._events = list(self._read())
         self._acts: dict[int, Groups | None] = {}
         self._stops: dict[int, Groups] = {}
+        self._last: dict[str, float] = {}  #: when each actor last went elsewhere, as far as times say so [s]
 
     def at_once(self, who: str) -> Iterator[tuple[Element, Scope]]:
         """Yield what says where an entity goes, and begins as the drive does: part of the start as much as Init is."""
@@ -89,10 +97,103 @@ class Storyboard:
             timed = [kind for kind in kinds if kind.child("TimeReference", "Timing") is not None]
             yield from ((kind, event.scope) for kind in kinds if begins and not timed)
 
+    @property
+    def actors(self) -> set[str]:
+        """The names of all entities that the story has do anything."""
+        return {actor for event in self._events for actor in event.actors}
+
+    def doing(self, who: str) -> Iterator[tuple[Event, Element]]:
+        """Yield what the story has an entity do, with the event of each."""
+        for event in self._events:
+            for one in event.actions if who in event.actors else ():
+                if (kind := _private_kind(one)) is not None:
+                    yield event, kind
+
+    def change_path(self, path: EgoPath) -> EgoPath:
+        """Return the ego's path with the changes of the storyboard in it.
+
+        The stage's `refused_changes` say why others are not. Use a storyboard of its own for that: it knows nothing of
+        what others do.
+        """
+        for event in self._events:
+            self._name_actions(event)
+            if path.name in event.actors or any(one.child("PrivateAction") is None for one in event.actions):
+                event.states[0].unknown = f"nobody knows when {event.element.where} {event.name!r} is over"
+                for state in event.states[1:]:
+                    state.waits_for.append(event.states[0])
+        for event in self._events:
+            self._markers(event)
+        for event, kind in self.doing(path.name):
+            try:
+                path = self._with_change(path, event, kind) if kind.tag in CHANGES else path
+            except NotTakenError as error:
+                self._stage.refused_changes[event.maneuver, id(kind)] = error
+        return path
+
+    def _with_change(self, path: EgoPath, event: Event, kind: Element) -> EgoPath:
+        self._on(path)
+        armed, when = self._triggers(event)
+        if armed is None or when is None:
+            return path  # it never begins
+        if event.times > 1:
+            raise NotTakenError(kind, "a change of lane or offset of the ego that repeats is not taken")
+        begin = fires_at(armed, when, path.nominal, kind)
+        if begin == math.inf:
+            raise NotTakenError(kind, "at the ego's speed at the start it begins nowhere on the ego's path")
+        before, key = self._stage.tracks[path.name], (event.maneuver, id(kind))
+        changed, made = path.with_change(kind, event.scope, begin)
+        self._stage.path_changes[key] = begin - path.nominal.begin, made.end - path.nominal.begin
+        self._stage.decided.append((armed, when, path.nominal.speed))
+        self._known_by_place(event)
+        try:
+            self._on(changed)
+            self._uninterrupted(event, kind, changed.nominal, made)
+        except NotTakenError:
+            del self._stage.path_changes[key]
+            self._stage.tracks[path.name] = before
+            event.states[0].unknown = "the ego's change is not taken"
+            raise
+        return changed
+
+    def _on(self, path: EgoPath) -> None:
+        """Have places count along a path from now on, those of triggers that are known already, too."""
+        self._context.place = path.place
+        self._acts.clear()
+        self._stops.clear()
+
+    def _known_by_place(self, event: Event) -> bool:
+        """Take down where an event of changes that are all in the ego's path begins and is over; whether it is one."""
+        own = [self._stage.path_changes.get((event.maneuver, id(_private_kind(one)))) for one in event.actions]
+        ways = [way for way in own if way is not None]
+        if not ways or len(ways) < len(own):
+            return False
+        event.states[0].unknown = ""
+        event.states[0].begins([[_gone(min(begin for begin, _ in ways))]])
+        for one, (_, end) in zip(event.actions, ways, strict=True):
+            self._state_of_action(event, one).markers.append([[_gone(end)]])
+        for state in event.states:
+            state.markers.append([[_gone(max(end for _, end in ways))]])
+        return True
+
+    def _uninterrupted(self, event: Event, kind: Element, nominal: NominalDrive, made: PathChange) -> None:
+        """Raise NotTakenError where another event or its act's stop trigger ends a change before it is over."""
+        for other in self._events:
+            overrides = other.scope.text(other.element, "priority", "parallel") in OVERRIDING
+            if other is event or other.maneuver != event.maneuver or not overrides:
+                continue
+            armed, when = self._triggers(other)
+            if armed is not None and when is not None and made.begin <= fires_at(armed, when, nominal, kind) < made.end:
+                raise NotTakenError(kind, f"{other.name!r} ends the ego's change before it is over")
+        stop = self._stop_of(event)
+        if stop and fires_at([], stop, nominal, kind) < made.end:
+            raise NotTakenError(kind, "its act is stopped before the ego's change is over")
+
     def compile(self) -> Groups:
         """Fill `stories` and return the groups of the trigger that ends the drive; [] where nothing ends it."""
         for event in self._events:
             self._name_actions(event)
+        for event in self._events:
+            self._unnamed(event)
         for event in self._events:
             self._repeats(event)
         for event in self._events:
@@ -126,6 +227,7 @@ class Storyboard:
                     group_state = self._state("maneuverGroup", group, act_state, whole)
                     try:
                         found = list(self._maneuvers(group, in_story))
+                        rounds = _rounds(group, in_story, found)
                     except NotTakenError as error:
                         self._problems.add(error)
                         for one in (group_state, act_state, whole):
@@ -138,16 +240,14 @@ class Storyboard:
                         for event in maneuver.all("Event"):
                             states = [self._state("event", event, *outer), *outer]
                             actors = self._actors(group, in_story)
-                            yield Event(event, scope, act, in_story, actors, number, states)
+                            yield Event(event, scope, act, in_story, actors, number, rounds, states)
 
     def _state(self, kind: str, element: Element, *outer: ElementState) -> ElementState:
-        state = ElementState(outer=outer)
+        state = ElementState(element.attributes.get("name", ""), outer=outer)
         self._context.elements.setdefault((kind, element.attributes.get("name", "")), []).append(state)
         return state
 
     def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
-        if scope.whole(group, "maximumExecutionCount", 1) != 1:
-            raise NotTakenError(group, "maximumExecutionCount: expected 1")
         for one in group.children:
             if one.tag == "CatalogReference":
                 yield self._document.entry(one, scope, "Maneuver")
@@ -190,6 +290,18 @@ class Storyboard:
         if known is None:
             known = event.of_actions[id(action)] = self._state("action", action, *event.states)
         return known
+
+    def _unnamed(self, event: Event) -> None:
+        """Note of an event that has other actions than those of actors whether anybody knows when it is over."""
+        where = f"{event.element.where} {event.name!r}"
+        if not event.actions:
+            self._forget(event, f"{where} changes nothing here")
+        elif any(_goes_on(kind) for one in event.actions if (kind := _private_kind(one)) is not None):
+            self._forget(event, f"{where} goes on for good")
+        elif any(one.child("PrivateAction") is None and not list(_variable_actions(one)) for one in event.actions):
+            self._forget(event, f"nobody knows when {where} is over")
+        elif any(self._stage.ids.get(actor) == EGO for actor in event.actors) and not self._known_by_place(event):
+            self._forget(event, f"{where}: the ego's controller decides when it is over")
 
     def _repeats(self, event: Event) -> None:
         """Note that nobody knows when an event that repeats is over for good."""
@@ -234,8 +346,8 @@ class Storyboard:
         try:
             armed, when = self._triggers(event)
             groups = None if armed is None or when is None else _not_before(event, armed, when)
-            for kind, name in of_variables:
-                key = event.scope.text(kind, name).removeprefix("$")
+            for kind, what in of_variables:
+                key = what, event.scope.text(kind, f"{what}Ref").removeprefix("$")
                 setter = kind.child("SetAction")
                 if setter is None:
                     raise NotTakenError(kind, "expected a SetAction")
@@ -268,6 +380,8 @@ class Storyboard:
         for one in event.actions:
             if one.child("GlobalAction") is not None and not list(_variable_actions(one)):
                 self._global(event, one)
+            elif one.child("PrivateAction") is None and one.child("GlobalAction") is None:
+                raise NotTakenError(one.children[0] if one.children else one, "this action is not taken")
         if not private:
             if not event.actions:
                 self._forget(event, f"{event.element.where} {event.name!r} changes nothing here")
@@ -278,7 +392,8 @@ class Storyboard:
             event.states[0].begins(None)
             self._forget(event, f"the event {event.name!r} never begins")
             return
-        event.states[0].begins(armed + when if not (armed and when) else when)
+        if not event.states[0].markers:
+            event.states[0].begins(armed + when if not (armed and when) else when)
         names, taken = iter(event.names), list[tuple[str, Action]]()
         only_ego = all(self._stage.ids.get(actor) == EGO for actor in event.actors)
         until = [] if only_ego else self._stop_of(event)
@@ -291,6 +406,7 @@ class Storyboard:
                 if self._stage.id(one, actor) == EGO:
                     self._of_ego(event, kind, actor)
                     continue
+                self._in_order(kind, actor, armed, when)
                 action, name = read_action(kind, event.scope, actor, self._stage), next(names)
                 taken.append((actor, {"name": name.partition(".")[2]} | common | (action or {})))
         if event.times > 1 and len(taken) > 1:
@@ -298,11 +414,28 @@ class Storyboard:
         for actor, action in taken:
             self.stories[actor].append(action)
 
+    def _in_order(self, kind: Element, actor: str, armed: Groups, when: Groups) -> None:
+        """Raise NotTakenError where an action that leads an actor elsewhere comes after a later one in the file."""
+        times = [_time(groups) for groups in (armed, when) if groups]
+        if kind.tag not in LEADING_OFF or None in times:
+            return
+        time = max([one for one in times if one is not None], default=0.0)
+        if time < self._last.get(actor, 0.0):
+            raise NotTakenError(kind, f"it stands after an action of {actor!r} that begins later, which is not taken")
+        self._last[actor] = time
+
     def _of_ego(self, event: Event, kind: Element, ego: str) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
-        begun = id(kind) in self._stage.begun
+        begun, key = id(kind) in self._stage.begun, (event.maneuver, id(kind))
+        if key in self._stage.path_changes:
+            begin, end = self._stage.path_changes[key]
+            self._problems.note(
+                f"{event.element.where} {event.name!r}: the ego's path follows its {kind.tag}, {begin:.1f} m to "
+                f"{end:.1f} m from the start"
+            )
+            return
         if kind.tag in LEADING_OFF and not begun:
-            raise NotTakenError(
+            raise self._stage.refused_changes.get(key) or NotTakenError(
                 kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
             )
         why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
@@ -312,7 +445,7 @@ class Storyboard:
 
     def _ended_by(self, event: Event) -> list[str]:
         priority = event.scope.text(event.element, "priority", "parallel")
-        if priority in ("skip",):
+        if priority not in (*OVERRIDING, "parallel"):
             raise NotTakenError(event.element, f"priority: {priority!r} is not taken")
         if priority not in OVERRIDING:
             return []
@@ -370,6 +503,51 @@ class Storyboard:
         return groups if acts else []
 
 
+def _time(groups: Groups) -> float | None:
+    """Return when a trigger fires that asks for a time alone [s], None for any other."""
+    (first, *more), *others = groups
+    if more or others or "time_s" not in first or first.get("rule", ">") not in (">", ">="):
+        return None
+    return float(first["time_s"] + first.get("delay_s", 0.0))
+
+
+def _private_kind(action: Element) -> Element | None:
+    """Return what a private action of an event does, None where that is none."""
+    private = action.child("PrivateAction")
+    try:
+        return None if private is None else kind_of(private)
+    except NotTakenError:
+        return None
+
+
+def _goes_on(kind: Element) -> bool:
+    """Whether an action keeps an offset for good, which is no action of its own here once the offset is reached."""
+    return kind.tag == "LaneOffsetAction" and kind.attributes.get("continuous", "false").lower() in ("true", "1")
+
+
+def _gone(way: float) -> dict[str, Any]:
+    """Return the condition that the ego has gone a way [m] since the start."""
+    return {"travelled_m": round(way, 4), "rule": ">="}
+
+
+def _rounds(group: Element, scope: Scope, maneuvers: Sequence[tuple[Element, Scope]]) -> int:
+    """Return how often a manoeuvre group is done; raises NotTakenError where that is more than to repeat one event.
+
+    A group begins anew once all in it is complete: with one event whose trigger has no delay that is as if the event
+    were done so often.
+    """
+    stated = scope.whole(group, "maximumExecutionCount", 1)
+    if stated < 1 and stated != -1:
+        raise NotTakenError(group, f"maximumExecutionCount: expected 1 or more, got {stated}")
+    events = [(event, inner) for maneuver, inner in maneuvers for event in maneuver.all("Event")]
+    delayed = any(
+        one.tag == "Condition" and inner.number(one, "delay", 0.0) for event, inner in events for one in event.walk()
+    )
+    if stated != 1 and (len(events) != 1 or delayed):
+        raise NotTakenError(group, "a group that repeats is taken with one event alone, whose trigger has no delay")
+    return _times(stated)
+
+
 def _is_stopped(act: Element) -> bool:
     stop = act.child("StopTrigger")
     return stop is not None and bool(stop.children)
@@ -392,8 +570,8 @@ def _when(armed: Groups, when: Groups, until: Groups, ends: Sequence[str]) -> di
 
 
 def _variable_actions(action: Element) -> Iterator[tuple[Element, str]]:
-    """Yield the elements of an action that set a variable or a parameter, and the attribute that names it."""
-    for tag, name in (("VariableAction", "variableRef"), ("ParameterAction", "parameterRef")):
+    """Yield the elements of an action that set a variable or a parameter, and which of both."""
+    for tag, what in (("VariableAction", "variable"), ("ParameterAction", "parameter")):
         found = action.child("GlobalAction", tag)
         if found is not None:
-            yield found, name
+            yield found, what

@@ -44,7 +44,8 @@ def _followers(found: Imported, changed: Imported, value: float, other: float) -
     different = [key for key in before.keys() | after.keys() if before.get(key) != after.get(key)]
     exact = all(_near(before.get(key), value) and _near(after.get(key), other) for key in different)
     same_lines = all(changed.lines.get(name) == points for name, points in found.lines.items())
-    return sorted(different) if exact and same_lines and found.problems == changed.problems else []
+    same = same_lines and found.decided == changed.decided and found.problems == changed.problems
+    return sorted(different) if exact and same else []
 
 
 def _near(one: object, other: float) -> bool:

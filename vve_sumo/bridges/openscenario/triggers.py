@@ -6,25 +6,18 @@ what it is handed.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.openscenario.parameters import RULES, Scope, holds
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 
 Condition = dict[str, Any]
 Groups = list[list[Condition]]
 
-RULES: Final = {
-    "greaterThan": ">",
-    "lessThan": "<",
-    "equalTo": "==",
-    "greaterOrEqual": ">=",
-    "lessOrEqual": "<=",
-    "notEqualTo": "!=",
-}
 EDGES: Final = {"none": "none", "rising": "rising", "falling": "falling", "risingOrFalling": "any"}
 #: states of elements, and what they are of actions here
 STATES: Final = {
@@ -41,6 +34,7 @@ MAX_GROUPS: Final = 64
 class ElementState:
     """What is known of one element of the storyboard for conditions about it."""
 
+    name: str = ""  #: in the file
     start: Groups | None = field(default_factory=list)  #: that of its act or event; None where it never begins
     started: bool = False  #: whether `start` has been found
     actions: list[str] = field(default_factory=list)  #: in it, ACTOR.NAME
@@ -49,6 +43,12 @@ class ElementState:
     unknown: str = ""  #: why nobody knows when it ends; empty where it is known
     repeats: bool = False  #: whether something in it is done several times
     outer: tuple[ElementState, ...] = ()  #: what it is in
+    waits_for: list[ElementState] = field(default_factory=list)  #: what in it has to be known for its end to be
+
+    def is_in(self, names: Sequence[str]) -> bool:
+        """Whether it is in elements of such names, outermost first; there may be others between them."""
+        outer = iter(state.name for state in reversed(self.outer))
+        return all(name in outer for name in names)
 
     def begins(self, start: Groups | None) -> None:
         """Take down when it begins."""
@@ -62,16 +62,20 @@ class Context:
     ids: Mapping[str, str]  #: of entities, by their names
     place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: s and d on the ego's path
     elements: dict[tuple[str, str], list[ElementState]]  #: of the storyboard, by type and name
-    variables: dict[str, list[tuple[str, Groups | None]]]  #: values that events set, with their triggers
+    variables: dict[tuple[str, str], list[tuple[str, Groups | None]]]
+    """Values that events set, with their triggers, by kind (variable or parameter) and name of what they set."""
     initial: Mapping[str, str]  #: values of variables at the start
     within: Sequence[ElementState] = ()  #: what the condition that is read is in
+    types: Mapping[str, str] = field(default_factory=dict)  #: of entities by their ids: vehicle, pedestrian, …
+    changes: bool = False  #: whether the ego's path changes lane or offset
 
-    def element(self, kind: str, name: str) -> ElementState | None:
+    def element(self, kind: str, name: str, outer: Sequence[str] = ()) -> ElementState | None:
         """Return what a condition means by a name: of several the one that it has most in common with, None for none.
 
-        Raises ValueError where two are as near.
+        `outer` are the names of what it is in, as far as the condition states them, outermost first. Raises ValueError
+        where two are as near.
         """
-        found = self.elements.get((kind, name), [])
+        found = [state for state in self.elements.get((kind, name), []) if state.is_in(outer)]
         if len(found) < 2:
             return found[0] if found else None
         near = [sum(any(one is other for other in self.within) for one in (state, *state.outer)) for state in found]
@@ -112,6 +116,8 @@ def _condition(element: Element, scope: Scope, context: Context) -> Groups | Non
     edge, delay = scope.text(element, "conditionEdge", "none"), scope.number(element, "delay", 0.0)
     if edge not in EDGES:
         raise NotTakenError(element, f"conditionEdge: expected {', '.join(EDGES)}, got {edge!r}")
+    if delay < 0.0:
+        raise NotTakenError(element, f"delay: expected 0 or more, got {delay:g}")
     of_value, of_entity = element.child("ByValueCondition"), element.child("ByEntityCondition")
     if of_value is not None and of_value.children:
         return _by_value(of_value.children[0], scope, context, EDGES[edge], delay)
@@ -136,16 +142,14 @@ def _rule(element: Element, scope: Scope) -> str:
 def _by_value(of: Element, scope: Scope, context: Context, edge: str, delay: float) -> Groups | None:
     if of.tag == "SimulationTimeCondition":
         value, rule = scope.number(of, "value"), _rule(of, scope)
-        if value <= 0.0 and rule in (">", ">=") and delay == 0.0:
+        rises = value == 0.0 and rule == ">" and edge in ("rising", "any")
+        if delay == 0.0 and (rises or (edge == "none" and value <= 0.0 and rule in (">", ">="))):
             return []  # it holds from the first step after the start on
         return [[_short({"time_s": value, "rule": rule, "edge": edge, "delay_s": delay})]]
     if of.tag == "ParameterCondition":
-        name = scope.text(of, "parameterRef").removeprefix("$")
-        if name not in scope.values:
-            raise NotTakenError(of, f"no parameter {name!r} is declared")
-        return _at_once(delay) if _holds(scope.values[name], _rule(of, scope), scope.text(of, "value")) else None
+        return _named_value(of, "parameter", scope, scope.values, context, edge, delay)
     if of.tag == "VariableCondition":
-        return _variable(of, scope, context, delay)
+        return _named_value(of, "variable", scope, context.initial, context, edge, delay)
     if of.tag == "StoryboardElementStateCondition":
         return _state(of, scope, context, edge, delay)
     raise NotTakenError(of, "this condition is not taken")
@@ -156,28 +160,24 @@ def _at_once(delay: float) -> Groups:
     return [[{"time_s": delay, "rule": ">="}]] if delay else []
 
 
-def _holds(value: str, rule: str, wanted: str) -> bool:
-    """Return whether a parameter or variable compares as a rule says: as numbers where both are."""
-    try:
-        one, other = float(value), float(wanted)
-    except ValueError:
-        same = value.lower() == wanted.lower()
-        return same if rule == "==" else rule == "!=" and not same
-    compared = {">": one > other, "<": one < other, "==": one == other}
-    return compared.get(rule, {">=": one >= other, "<=": one <= other, "!=": one != other}.get(rule, False))
-
-
-def _variable(of: Element, scope: Scope, context: Context, delay: float) -> Groups | None:
-    name, rule, wanted = scope.text(of, "variableRef"), _rule(of, scope), scope.text(of, "value")
-    if name not in context.initial:
-        raise NotTakenError(of, f"no variable {name!r} is declared")
-    if _holds(context.initial[name], rule, wanted):
-        if any(not _holds(value, rule, wanted) for value, _ in context.variables.get(name, [])):
-            raise NotTakenError(of, f"the variable {name!r} ceases to meet it")
-        return _at_once(delay)
+def _named_value(
+    of: Element, kind: str, scope: Scope, initial: Mapping[str, str], context: Context, edge: str, delay: float
+) -> Groups | None:
+    """Return when a parameter or variable is as a condition says; what is so from the start on has no edge."""
+    name = scope.text(of, f"{kind}Ref").removeprefix("$")
+    rule, wanted = _rule(of, scope), scope.text(of, "value")
+    if name not in initial:
+        raise NotTakenError(of, f"no {kind} {name!r} is declared")
+    later = context.variables.get((kind, name), [])
+    if edge in ("falling", "any") and later:
+        raise NotTakenError(of, f"the edge {edge!r} of a {kind} that events set is not taken")
+    if holds(initial[name], rule, wanted):
+        if any(not holds(value, rule, wanted) for value, _ in later):
+            raise NotTakenError(of, f"the {kind} {name!r} ceases to meet it")
+        return _at_once(delay) if edge == "none" else None
     groups: Groups = []
-    for value, trigger in context.variables.get(name, []):
-        if trigger is not None and _holds(value, rule, wanted):
+    for value, trigger in later:
+        if trigger is not None and holds(value, rule, wanted):
             groups += latched(of, trigger, delay)
     return groups or None
 
@@ -197,9 +197,9 @@ def latched(of: Element, trigger: Groups, delay: float = 0.0) -> Groups:
 
 def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float) -> Groups | None:
     kind, state = scope.text(of, "storyboardElementType"), scope.text(of, "state")
-    name = scope.text(of, "storyboardElementRef").rpartition("::")[2].rpartition("/")[2]
+    *outer, name = re.split("::|/", scope.text(of, "storyboardElementRef"))
     try:
-        known = context.element(kind, name)
+        known = context.element(kind, name, outer)
     except ValueError as error:
         raise NotTakenError(of, str(error)) from None
     if known is None or state not in STATES:
@@ -216,8 +216,8 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
         if not known.started:
             raise NotTakenError(of, f"nobody knows when the {kind} {name!r} begins")
         return latched(of, known.start, delay)
-    if known.unknown:
-        raise NotTakenError(of, known.unknown)
+    if unknown := next((one.unknown for one in (known, *known.waits_for) if one.unknown), ""):
+        raise NotTakenError(of, unknown)
     if known.repeats and state == "completeState":
         raise NotTakenError(of, f"the {kind} {name!r} repeats: nobody knows when that is over")
     if known.stop is None:
@@ -236,12 +236,32 @@ def _by_entity(of: Element, scope: Scope, context: Context, when: Condition) -> 
     who, inner = of.child("TriggeringEntities"), of.child("EntityCondition")
     if who is None or inner is None or not inner.children:
         raise NotTakenError(of, "expected TriggeringEntities and an EntityCondition")
-    asked = _asked(inner.children[0], scope, context)
     names = [scope.text(one, "entityRef") for one in who.all("EntityRef")]
+    by_type = inner.children[0].child("ByType")
+    if by_type is not None and inner.children[0].tag == "CollisionCondition":
+        return _touching(by_type, [_id(who, name, context) for name in names], scope, context, when)
+    asked = _asked(inner.children[0], scope, context)
     conditions = [_short({"of": _id(who, name, context), **asked, **when}) for name in names]
+    rule = scope.text(who, "triggeringEntitiesRule")
     if not conditions:
         raise NotTakenError(who, "expected an EntityRef")
-    return [conditions] if scope.text(who, "triggeringEntitiesRule") == "all" else [[one] for one in conditions]
+    if rule not in ("any", "all"):
+        raise NotTakenError(who, f"triggeringEntitiesRule: expected any or all, got {rule!r}")
+    if len(conditions) > 1 and when["edge"] != "none":
+        raise NotTakenError(who, f"the edge {when['edge']!r} of a condition on several entities is not taken")
+    return [conditions] if rule == "all" else [[one] for one in conditions]
+
+
+def _touching(of: Element, who: list[str], scope: Scope, context: Context, when: Condition) -> Groups:
+    """Return the groups of a contact with any entity of a type."""
+    wanted = scope.text(of, "type")
+    others = [other for other, kind in context.types.items() if kind == wanted]
+    pairs = [(one, other) for one in who for other in others if one != other]
+    if len(who) > 1 or (len(pairs) > 1 and when["edge"] not in ("none", "rising")):
+        raise NotTakenError(of, "a contact of several entities, or the end of one with several, is not taken")
+    if not pairs:
+        raise NotTakenError(of, f"type: no other entity is a {wanted!r}")
+    return [[_short({"of": one, "to": other, "touches": True, **when})] for one, other in pairs]
 
 
 def _id(element: Element, name: str, context: Context) -> str:
@@ -264,8 +284,11 @@ def _at(of: Element, scope: Scope, context: Context) -> Condition:
 
 def _asked(of: Element, scope: Scope, context: Context) -> Condition:
     """Return what a condition on an entity asks for."""
-    if of.tag in ("SpeedCondition", "AccelerationCondition", "RelativeSpeedCondition") and "direction" in of.attributes:
-        raise NotTakenError(of, "direction is not taken")
+    if "direction" in of.attributes:
+        # Speeds and accelerations here are along the heading; those of others are not along this one's.
+        known = ("longitudinal",) if of.tag in ("SpeedCondition", "AccelerationCondition") else ()
+        if (direction := scope.text(of, "direction")) not in known:
+            raise NotTakenError(of, f"direction: {direction!r} is not taken")
     if of.tag == "EndOfRoadCondition":
         return {"end_of_road_s": scope.number(of, "duration")}
     if of.tag == "StandStillCondition":
@@ -301,6 +324,8 @@ def _of_distance(of: Element, scope: Scope, context: Context) -> Condition:
     else:
         raise NotTakenError(of, "this condition is not taken")
     keys = {"TimeHeadwayCondition": "headway_s", "TimeToCollisionCondition": "ttc_s"}
+    if context.changes and _axis(of, scope) == "path_lateral":
+        raise NotTakenError(of, "a distance across lanes beside an ego that changes its lane or offset is not taken")
     return condition | {
         keys.get(of.tag, "distance_m"): scope.number(of, "value"),
         "rule": _rule(of, scope),
