@@ -189,7 +189,7 @@ class SteerAround:
         times = times_at(sight.speeds, SPACING)
         asking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
         blocking = [body for body in asking if not _comes_nearer(body)]
-        self._hurries = self._comes_too_late(sight, asking)
+        self._hurries = self._comes_too_late(sight, asking, self._line)
         if not asking and self._line is None:
             self._free = 0
             return
@@ -198,14 +198,14 @@ class SteerAround:
             plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
-        elif self._line is None or self._gives_up(sight, blocking):
+        elif self._line is None or self._gives_up(sight, asking, blocking):
             yield from self._swerve(sight, asking)
         elif not self._line.urgent and (yield from self._stays(sight, blocking)):
             pass
         elif not (yield from self._swerve(sight, self._in_line(sight))):
             self._go_on(sight)
 
-    def _gives_up(self, sight: _Sight, blocking: list[Body]) -> bool:
+    def _gives_up(self, sight: _Sight, asking: list[Body], blocking: list[Body]) -> bool:
         """Give up a way for which the car has no use any more; tell whether it did.
 
         That is, while the car is still on its path, one in comfort that is not free, where the car can slow down behind
@@ -214,7 +214,9 @@ class SteerAround:
         """
         assert self._line is not None
         if self._line.urgent:
-            useful = self._hurries or (abs(sight.here.d) > AT_PATH and sight.observation.pose.speed > STANDS)
+            # The way itself leads past whom it is about: without it he would be met.
+            needed = self._comes_too_late(sight, asking, None)
+            useful = needed or (abs(sight.here.d) > AT_PATH and sight.observation.pose.speed > STANDS)
         elif abs(sight.here.d) > AT_PATH:
             useful = True
         else:
@@ -250,11 +252,10 @@ class SteerAround:
 
     def _in_line(self, sight: _Sight) -> list[Body]:
         """Return the bodies that are in the way which the car has taken."""
-        return [body for body in sight.bodies if self._is_met(sight, body)]
+        return [body for body in sight.bodies if self._is_met(sight, body, self._line)]
 
-    def _is_met(self, sight: _Sight, body: Body) -> bool:
-        """Tell whether a body is in the way which the car has taken, or on its path."""
-        line = self._line
+    def _is_met(self, sight: _Sight, body: Body, line: WayAround | None) -> bool:
+        """Tell whether a body is in a way around, or on the path where that is None."""
         d = [0.0 if line is None else line.d_at(sight.first + node) for node in range(NODES)]
         return first_met(sight.nodes, times_at(sight.speeds, SPACING), d, body) is not None
 
@@ -327,7 +328,7 @@ class SteerAround:
 
     def _urgently(self, sight: _Sight, blocking: list[Body]) -> Planning:
         """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car go."""
-        if not blocking or not self._comes_too_late(sight, blocking):
+        if not blocking or not self._comes_too_late(sight, blocking, self._line):
             return None
         self._hurries = True
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
@@ -339,13 +340,14 @@ class SteerAround:
             for sides in _sides(sight.bodies, blocking):
                 yield
                 plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
-                if plan is not None:
+                if plan is not None and not any(_comes_at_once(sight, plan, body) for body in blocking):
                     return plan
         return None
 
-    def _comes_too_late(self, sight: _Sight, blocking: list[Body]) -> bool:
+    def _comes_too_late(self, sight: _Sight, blocking: list[Body], line: WayAround | None) -> bool:
         """Tell whether the car would reach one of the bodies before it stands, and can still come to the side of it.
 
+        Who comes the other way counts where he is in a way around, or on the path where that is None.
         Without brakes of its own it steers as late as it can in half a second more than the least time.
         """
         car, speed = self._vehicle, sight.observation.pose.speed
@@ -357,7 +359,7 @@ class SteerAround:
             if gap <= 0.0 or closing <= 0.0:
                 continue
             if _comes_nearer(body):
-                if gap < (speed - body.along) * ONCOMING and self._is_met(sight, body):
+                if gap < (speed - body.along) * ONCOMING and self._is_met(sight, body, line):
                     return True
             elif not self._brakes:
                 needs = swerve_time(self._aside(body.moved(gap / closing)), URGENT_ACCELERATION, URGENT_JERK, answer)
@@ -490,6 +492,17 @@ def _in_path(sight: _Sight) -> list[Body]:
 def _comes_nearer(body: Body) -> bool:
     """Tell whether a body comes the other way: it goes first, and nobody goes around it in comfort."""
     return body.along < -SLOWER
+
+
+def _comes_at_once(sight: _Sight, plan: LateralPlan, body: Body) -> bool:
+    """Tell whether who comes the other way meets the car on the first nodes of a plan, which it leaves where they were.
+
+    So he does where the car has come to rest on them by then.
+    """
+    if not _comes_nearer(body):
+        return False
+    node = first_met(sight.nodes, times_at(plan.speeds, SPACING), plan.d, body)
+    return node is not None and node < HEAD
 
 
 def _is_gone(body: Body, rear: float) -> bool:

@@ -350,3 +350,19 @@ def test_a_car_that_has_come_to_rest_in_a_swerve_does_not_squeeze_past() -> None
     assert found.clearance[rest] > 0.2
     assert found.clearance[rest:].min() > found.clearance[rest] - 0.01
     assert found.speed[rest:].max() < 0.1
+
+
+@pytest.mark.thorough(witnesses=1)
+@pytest.mark.parametrize("speed", [2.8, 5.6])
+def test_a_slow_car_keeps_out_of_the_way_of_who_comes_head_on(speed: float) -> None:
+    """A bicyclist in its lane comes into sight 4 s away, and would run into a car at rest."""
+    rides, appears = 15.0 / 3.6, 4.0
+    begins = speed * appears + CAR.rear_axle_to_bumper + 4.0 * (speed + rides)
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        return begins - rides * (time - appears), -0.8 if time > appears else -40.0, math.pi, rides
+
+    found = drive(
+        around(elastic_band, right_m=2.0), ROAD, speed, [Body(place, 1.8, 0.6)], 12.0, start=speed, kinds=["bicycle"]
+    )
+    assert found.clearance.min() > 0.5
