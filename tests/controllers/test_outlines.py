@@ -127,9 +127,9 @@ def bend(radius: float, straight: float = 40.0, ramp: float = 20.0) -> Reference
     return ReferencePath.from_points(np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)))
 
 
-def looked(path: ReferencePath, station: float, row: Row, kind: str, walls: Walls) -> Outlines:
-    """What is known of a body by a car that has stood at a station for half a second, once it has seen it."""
-    at, lidar = path.at(station), Lidar(LIDAR, np.random.default_rng(3), walls)
+def looked(path: ReferencePath, ego_s: float, row: Row, kind: str, walls: Walls) -> Outlines:
+    """What is known of a body by a car that has been at rest at `ego_s` for half a second, once it has seen it."""
+    at, lidar = path.at(ego_s), Lidar(LIDAR, np.random.default_rng(3), walls)
     outlines = Outlines(FUSION, "roof", 1.4, 1.9)
     for tick in range(26):
         pose = replace(rear_axle(at.x, at.y, at.heading), time=0.02 * tick)
@@ -140,9 +140,9 @@ def looked(path: ReferencePath, station: float, row: Row, kind: str, walls: Wall
     return outlines
 
 
-def beside(path: ReferencePath, station: float, offset: float, kind: str = "car") -> Row:
-    at, size = path.at(station), TYPICAL[kind]
-    x, y = at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading)
+def beside(path: ReferencePath, s: float, d: float, kind: str = "car") -> Row:
+    at, size = path.at(s), TYPICAL[kind]
+    x, y = at.x - d * math.sin(at.heading), at.y + d * math.cos(at.heading)
     return x, y, at.heading, 0.0, size.length, size.width, 10.0
 
 
@@ -159,7 +159,7 @@ def test_in_a_bend_it_sees_along_the_path_and_not_along_the_cars_axis(radius: fl
 @pytest.mark.parametrize(("radius", "house"), [(-40.0, False), (-80.0, False), (40.0, True), (60.0, True)])
 def test_the_road_beside_is_in_sight_where_the_straight_line_to_it_is_free(radius: float, house: bool) -> None:
     """Between the eye and a place beside the path: a van in the way, and a house on the inner side of the bend."""
-    path, station = bend(radius), 30.0
+    path, ego_s = bend(radius), 30.0
     van, at = beside(path, 55.0, 0.0, "van"), path.at(70.0)
     inner = math.copysign(7.0, radius)
     corners = Box(
@@ -167,7 +167,7 @@ def test_the_road_beside_is_in_sight_where_the_straight_line_to_it_is_free(radiu
     ).corners()
     stands = [polygon(van)] + [Polygon(corners)] * house
     walls = walls_of((Building(tuple(map(tuple, corners)), 8.0),) if house else ())
-    outlines, here = looked(path, station, van, "van", walls), path.at(station)
+    outlines, here = looked(path, ego_s, van, "van", walls), path.at(ego_s)
     eye = here.x + 1.4 * math.cos(here.heading), here.y + 1.4 * math.sin(here.heading)
     agreed, free = [], []
     for s in np.arange(36.0, 105.0, 3.0).tolist():
