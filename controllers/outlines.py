@@ -56,6 +56,7 @@ class Body(NamedTuple):
     along: float  #: speed along the path [m/s]
     across: float  #: speed across the path, left positive [m/s]
     sigma: float  #: standard deviation of the speed across [m/s]
+    drift: float = 0.0  #: the speed across as it is measured, where `across` is 0 until it surely moves [m/s]
 
     @property
     def small(self) -> bool:
@@ -146,6 +147,7 @@ class _Followed:
             pace,
             aside,
             math.sqrt(self.across.rate_variance),
+            self.across.rate,
         )
 
 

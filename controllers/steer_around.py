@@ -209,8 +209,9 @@ class SteerAround:
         """Give up a way for which the car has no use any more; tell whether it did.
 
         That is, while the car is still on its path, one in comfort that is not free, where the car can slow down behind
-        what is there, and an urgent one where braking is not too late after all; and an urgent one on which
-        the car has come to rest: it leads past bodies nearer than anybody would set out to go.
+        what is there, in comfort or, where the way leads too near to somebody, with all there is; and an urgent one
+        where braking is not too late after all; and an urgent one on which the car has come to rest: it leads past
+        bodies nearer than anybody would set out to go.
         """
         assert self._line is not None
         if self._line.urgent:
@@ -220,8 +221,11 @@ class SteerAround:
         elif abs(sight.here.d) > AT_PATH:
             useful = True
         else:
-            free = self._is_free(sight, self._keeps(sight)) or not self._can_wait(sight, blocking)
-            useful = bool(blocking) and free
+            useful = bool(blocking) and (
+                self._is_free(sight, self._keeps(sight))
+                or (not self._can_wait(sight, blocking) and self._is_free(sight, COMFORT))
+                or self._comes_too_late(sight, asking, None)
+            )
         if not useful:
             self._line = self._along = None
         return not useful
@@ -306,7 +310,7 @@ class SteerAround:
             cap, sides = tries[place]
             speeds = self._creeping(sight, blocking, cap)
             plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
-            if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, plan)):
+            if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, blocking, plan)):
                 self._tried = 0
                 self._free += 1
                 yield
@@ -422,8 +426,13 @@ class SteerAround:
     def _keeps(self, sight: _Sight) -> Margins:
         return COMFORT if self._is_out(sight) else SETTING_OUT
 
-    def _may_set_out(self, sight: _Sight, plan: LateralPlan) -> bool:
-        """Tell whether a way is back on its path before that ends, where the car stops, and is seen to be free."""
+    def _may_set_out(self, sight: _Sight, blocking: list[Body], plan: LateralPlan) -> bool:
+        """Tell whether a way is back on its path before that ends, where the car stops, and is seen to be free.
+
+        And whether who blocks the path stays where he is: who comes over is not gone around until he keeps his line.
+        """
+        if any(abs(body.drift) > max(CROSSES, body.sigma) for body in blocking):
+            return False
         end = max(int(sight.observation.path.length / SPACING) - sight.first, 0)
         return max(map(abs, plan.d[end:]), default=0.0) < AT_PATH and self._sees(sight, plan)
 

@@ -214,14 +214,38 @@ def test_it_goes_out_of_the_way_of_a_bicyclist_who_comes_head_on(speed: float) -
     assert abs(found.d[-1]) < 0.15
 
 
-def test_it_brakes_behind_a_bicyclist_who_turns_in_before_it_goes_around_him() -> None:
-    def place(time: float) -> tuple[float, float, float, float]:
-        share = min(max(time - 1.0, 0.0) / 2.5, 1.0)
-        return 50.0 + 4.2 * time, -2.5 + 2.5 * share**3 * (10.0 - 15.0 * share + 6.0 * share**2), 0.0, 4.2
+def comes_over(begins: float, aside: float, within: float) -> Body:
+    """A bicyclist who comes over into the path within a time, smoothly, from 1 s on."""
 
-    bicycle = Body(place, 1.8, 0.6, 1.0)
+    def place(time: float) -> tuple[float, float, float, float]:
+        share = min(max(time - 1.0, 0.0) / within, 1.0)
+        return begins + 4.2 * time, aside * (1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2)), 0.0, 4.2
+
+    return Body(place, 1.8, 0.6, 1.0)
+
+
+def test_it_brakes_behind_a_bicyclist_who_turns_in_before_it_goes_around_him() -> None:
+    bicycle = comes_over(50.0, -2.5, 2.5)
     found = drive(around(elastic_band, right_m=2.0), ROAD, 16.7, [bicycle], 12.0, kinds=["bicycle"])
     assert found.least > 0.8
+
+
+@pytest.mark.thorough(witnesses=2)
+@pytest.mark.parametrize(
+    ("speed", "gap", "aside", "within"),
+    [(13.9, 38.0, -2.5, 3.5), (13.9, 42.0, -2.5, 5.0), (10.0, 36.0, -2.5, 5.0), (13.9, 42.0, 2.8, 5.0)],
+)
+def test_who_comes_over_slowly_is_not_gone_around_before_he_keeps_his_line(
+    speed: float, gap: float, aside: float, within: float
+) -> None:
+    """At first he is slower across than what stands out from the lidar's noise."""
+    begins = speed + CAR.rear_axle_to_bumper + 0.9 + gap - 4.2
+    bodies = [comes_over(begins, aside, within)]
+    kinds = ["bicycle"]
+    found = drive(around(elastic_band, right_m=2.0), ROAD, speed, bodies, 9.0, start=speed, kinds=kinds)
+    braked = drive(around(elastic_band), ROAD, speed, bodies, 9.0, start=speed, kinds=kinds)
+    assert braked.least > CLEAR
+    assert found.least > CLEAR
 
 
 def runs_out(speed: float, arrives: float, sets_out: float = 1.0, pace: float = 3.0) -> Body:
