@@ -138,6 +138,23 @@ def played(found: Imported | FromCommonRoad, duration: float, speed: float | Non
     return moments
 
 
+def first_at(moments: list[Moment], speed: float) -> float:
+    """When the other entity has a speed [m/s] for the first time [s]."""
+    return next((m.time for m in moments if abs(m.actors["Other"].speed - speed) < 1e-6), math.inf)
+
+
+def shape_share(shape: str, part: float) -> float:
+    """The share of a change at a part of it, as the standard draws the shapes."""
+    p = min(max(part, 0.0), 1.0)
+    return {"linear": p, "cubic": 3 * p**2 - 2 * p**3, "sinusoidal": 0.5 * (1 - math.cos(math.pi * p))}[shape]
+
+
+def element_state(kind: str, name: str, wanted: str) -> str:
+    """A condition on the state of an element of the storyboard."""
+    return f"""<ByValueCondition><StoryboardElementStateCondition storyboardElementType="{kind}"
+storyboardElementRef="{name}" state="{wanted}"/></ByValueCondition>"""
+
+
 def imported(folder: Path, text: str) -> Imported:
     """Return what a text comes to, of which all is taken."""
     found = read_scenario(write(folder, text), "made")

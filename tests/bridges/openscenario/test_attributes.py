@@ -10,10 +10,11 @@ import pytest
 from tests.bridges.openscenario.stage import (
     LANE,
     VEHICLE,
-    Moment,
     after,
     at,
+    element_state,
     event,
+    first_at,
     imported,
     lane_change,
     of_entity,
@@ -37,18 +38,8 @@ def said(folder: Path, text: str) -> list[str]:
     return [*found.problems, *found.notes]
 
 
-def first(moments: list[Moment], speed: float = 7.0) -> float:
-    """When the other entity has a speed [m/s] for the first time [s]."""
-    return next((m.time for m in moments if abs(m.actors["Other"].speed - speed) < 1e-6), math.inf)
-
-
 def by_value(condition: str) -> str:
     return f"<ByValueCondition>{condition}</ByValueCondition>"
-
-
-def state(name: str, wanted: str = "endTransition", kind: str = "event") -> str:
-    return by_value(f"""<StoryboardElementStateCondition storyboardElementType="{kind}" storyboardElementRef="{name}"
-    state="{wanted}"/>""")
 
 
 DECLARED = '<ParameterDeclaration name="p" parameterType="int" value="1"/>'
@@ -71,13 +62,13 @@ TIME = '<SimulationTimeCondition value="0" rule="{0}"/>'
 )
 def test_what_is_so_from_the_start_on_has_no_edge(tmp_path: Path, condition: str, edge: str, expected: float) -> None:
     text = scenario(event("e", step("7"), condition, edge=edge), parameters=DECLARED)
-    assert first(played(imported(tmp_path, text), 1.0)) == pytest.approx(expected, abs=2 * PERIOD)
+    assert first_at(played(imported(tmp_path, text), 1.0), 7.0) == pytest.approx(expected, abs=2 * PERIOD)
 
 
 def test_a_parameter_that_an_event_sets_is_compared_with_what_it_was_set_to(tmp_path: Path) -> None:
     to_two = '<GlobalAction><ParameterAction parameterRef="p"><SetAction value="2"/></ParameterAction></GlobalAction>'
     text = scenario(event("e", step("7"), P2) + event("set", to_two, after("1.5")), parameters=DECLARED)
-    assert first(played(imported(tmp_path, text), 3.0)) == pytest.approx(1.5, abs=3 * PERIOD)
+    assert first_at(played(imported(tmp_path, text), 3.0), 7.0) == pytest.approx(1.5, abs=3 * PERIOD)
 
 
 def two(condition: str, rule: str) -> str:
@@ -94,21 +85,21 @@ GONE = '<TraveledDistanceCondition value="30"/>'
 @pytest.mark.parametrize(("rule", "expected"), [("any", 30.0 / 20.0), ("all", 30.0 / 10.0)])
 def test_any_and_all_of_the_triggering_entities(tmp_path: Path, rule: str, expected: float) -> None:
     moments = played(imported(tmp_path, scenario(event("e", step("7"), two(GONE, rule)))), 4.0)
-    assert first(moments) == pytest.approx(expected, abs=2 * PERIOD)
+    assert first_at(moments, 7.0) == pytest.approx(expected, abs=2 * PERIOD)
 
 
 def test_a_contact_with_any_vehicle_is_one(tmp_path: Path) -> None:
     touched = of_entity('<CollisionCondition><ByType type="vehicle"/></CollisionCondition>')
     moments = played(imported(tmp_path, scenario(event("e", step("7"), touched), speed="0")), 5.0)
     # The ego's bumper is 3.85 m before its rear axle, the other's back 0.75 m behind its own at 100 m.
-    assert first(moments) == pytest.approx((100.0 - 0.75 - 20.0 - 3.85) / 20.0, abs=2 * PERIOD)
+    assert first_at(moments, 7.0) == pytest.approx((100.0 - 0.75 - 20.0 - 3.85) / 20.0, abs=2 * PERIOD)
 
 
 def test_a_speed_along_the_heading_is_the_speed(tmp_path: Path) -> None:
     fast = '<SpeedCondition direction="{0}" rule="greaterThan" value="11"/>'
     events = event("e", speed_action("linear", "rate", "1", "15"), after("1"))
     text = scenario(events + event("f", step("7"), of_entity(fast.format("longitudinal"), "Other")))
-    assert first(played(imported(tmp_path, text), 4.0)) == pytest.approx(2.0, abs=3 * PERIOD)
+    assert first_at(played(imported(tmp_path, text), 4.0), 7.0) == pytest.approx(2.0, abs=3 * PERIOD)
     assert "<SpeedCondition>: direction: 'lateral'" in said(tmp_path, text.replace("longitudinal", "lateral"))[0]
 
 
@@ -117,9 +108,9 @@ def test_a_name_within_others_means_the_element_in_those(tmp_path: Path) -> None
         change = event("one", speed_action("linear", "time", "1", "12"), after(began))
         return f'</Maneuver><Maneuver name="{name}">{change}{more}'
 
-    waits = event("two", step("7"), state("s::far::one"))
+    waits = event("two", step("7"), element_state("event", "s::far::one", "endTransition"))
     text = scenario(manoeuvre("near", "1", waits) + manoeuvre("far", "4"))
-    assert first(played(imported(tmp_path, text), 6.0)) == pytest.approx(5.0, abs=4 * PERIOD)
+    assert first_at(played(imported(tmp_path, text), 6.0), 7.0) == pytest.approx(5.0, abs=4 * PERIOD)
     assert any("no event 'one'" in one for one in said(tmp_path, text.replace("s::far::one", "s::off::one")))
 
 
@@ -143,7 +134,7 @@ def test_a_profile_within_its_limits_is_taken(tmp_path: Path) -> None:
         <SpeedProfileEntry time="2" speed="7"/></SpeedProfileAction></LongitudinalAction></PrivateAction>"""
 
     text = scenario(event("e", profile("1.5"), after("1")))
-    assert first(played(imported(tmp_path, text), 4.0)) == pytest.approx(3.0, abs=3 * PERIOD)
+    assert first_at(played(imported(tmp_path, text), 4.0), 7.0) == pytest.approx(3.0, abs=3 * PERIOD)
     assert (
         "<SpeedProfileAction>: its speeds change faster than its maxDeceleration"
         in said(tmp_path, text.replace("1.5", "1.4"))[0]
@@ -163,7 +154,7 @@ def controller(name: str, value: str, *more: str) -> str:
 def test_a_controller_that_drives_as_usual_changes_nothing(tmp_path: Path, given: tuple[str, str]) -> None:
     init = controller(*given, INACTIVE)
     text = scenario(event("e", step("7"), after("1"))).replace("</Private></Actions>", f"{init}</Private></Actions>")
-    assert first(played(imported(tmp_path, text), 2.0)) == pytest.approx(1.0, abs=2 * PERIOD)
+    assert first_at(played(imported(tmp_path, text), 2.0), 7.0) == pytest.approx(1.0, abs=2 * PERIOD)
 
 
 ALLOWED = """<ParameterDeclaration name="p" parameterType="double" value="{0}">
@@ -208,7 +199,8 @@ SLOW = event("e", step("7"), after("1"))
         (scenario(event("e", waypoints("fastest"), after("1"))), "routeStrategy: expected shortest, got 'fastest'"),
         (scenario(event("e", LIMITED, after("1"))), "<DynamicConstraints>: maxSpeed is taken beside"),
         (
-            scenario(event("e", offset('continuous="true"'), after("1")) + event("f", step("7"), state("e"))),
+            scenario(event("e", offset('continuous="true"'), after("1"))
+                + event("f", step("7"), element_state("event", "e", "endTransition"))),
             "'e' goes on for good",
         ),
         (

@@ -23,6 +23,7 @@ from tests.bridges.openscenario.stage import (
     of_entity,
     played,
     scenario,
+    shape_share,
     speed_action,
     step,
     write,
@@ -64,17 +65,11 @@ def y_at(path: ReferencePath, x: float) -> float:
     return path.at(s).y
 
 
-def shape_at(shape: str, p: float) -> float:
-    """The share of a change at the part p of it, as the standard draws the shapes."""
-    p = min(max(p, 0.0), 1.0)
-    return {"linear": p, "cubic": 3 * p**2 - 2 * p**3, "sinusoidal": 0.5 * (1 - math.cos(math.pi * p))}[shape]
-
-
 def assert_goes_over(path: ReferencePath, begin: float, way: float, shape: str, size: float) -> None:
     """Assert that a path goes sidewards by a shape from x `begin` [m] on along a way [m]."""
     for part in (-0.3, 0.0, 0.2, 0.4, 0.5, 0.7, 0.9, 1.0, 1.4):
         x = begin + part * way
-        assert y_at(path, x) == pytest.approx(MIDDLE + size * shape_at(shape, part), abs=CLOSE)
+        assert y_at(path, x) == pytest.approx(MIDDLE + size * shape_share(shape, part), abs=CLOSE)
 
 
 @pytest.mark.parametrize("shape", ["linear", "cubic", "sinusoidal"])
@@ -89,7 +84,7 @@ def test_the_ego_is_in_time_where_the_file_has_it(tmp_path: Path) -> None:
     path, begin = path_of(found), found.table["ego"]["initial_s_m"]
     for time in (1.0, 3.0, 4.0, 5.0, 7.0):
         here = path.at(begin + SPEED * time)
-        wanted = MIDDLE + LANE * shape_at("sinusoidal", (time - 2.0) / 4.0)
+        wanted = MIDDLE + LANE * shape_share("sinusoidal", (time - 2.0) / 4.0)
         assert (here.x, here.y) == pytest.approx((START + SPEED * time, wanted), abs=CLOSE)
 
 
@@ -157,7 +152,7 @@ def test_in_a_bend_the_change_is_across_the_lanes(tmp_path: Path) -> None:
         here = path.at(begin + 50.0 + 60.0 * part)
         # The road is a circle of 200 m about (0, 200); the left is its inside.
         left = 200.0 - math.dist((here.x, here.y), (0.0, 200.0))
-        assert left == pytest.approx(MIDDLE + LANE * shape_at("sinusoidal", part), abs=CLOSE)
+        assert left == pytest.approx(MIDDLE + LANE * shape_share("sinusoidal", part), abs=CLOSE)
 
 
 def ended(name: str, state: str = "endTransition") -> str:
@@ -212,7 +207,7 @@ def test_a_drive_follows_the_lane_change(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stderr
     ticks = pq.read_table(tmp_path / "record" / "ticks.parquet").to_pandas()
     since = (ticks.true_x_m - START - SPEED * 2.0) / (SPEED * 4.0)
-    wanted = [MIDDLE + LANE * shape_at("sinusoidal", part) for part in since]
+    wanted = [MIDDLE + LANE * shape_share("sinusoidal", part) for part in since]
     assert abs(ticks.true_y_m - wanted).max() < CLOSE
 
 

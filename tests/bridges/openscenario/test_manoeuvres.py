@@ -19,6 +19,7 @@ from tests.bridges.openscenario.stage import (
     of_entity,
     played,
     scenario,
+    shape_share,
     speed_action,
 )
 from vve_sumo.timing import PERIOD
@@ -37,17 +38,12 @@ def other(moments: list[Moment], time: float) -> tuple[float, float, float]:
     return x, state.y - CENTRE * math.sin(state.heading), state.speed * math.cos(state.heading)
 
 
-def speed_over(shape: str, p: float) -> float:
-    """The share of a change at the part p of it, as the standard draws the shapes."""
-    return {"linear": p, "cubic": 3 * p**2 - 2 * p**3, "sinusoidal": 0.5 * (1 - math.cos(math.pi * p))}[shape]
-
-
 @pytest.mark.parametrize("shape", ["linear", "cubic", "sinusoidal"])
 def test_a_speed_changes_by_its_shape_over_time(tmp_path: Path, shape: str) -> None:
     moments = played(imported(tmp_path, scenario(event("e", speed_action(shape, "time", "4", "18"), after("2")))), 8.0)
     for part in (0.25, 0.5, 0.9):
         _x, _y, speed = other(moments, 2.0 + PERIOD + 4.0 * part)
-        assert speed == pytest.approx(10.0 + 8.0 * speed_over(shape, part), abs=0.05)
+        assert speed == pytest.approx(10.0 + 8.0 * shape_share(shape, part), abs=0.05)
     # The mean of every one of these shapes is half of the change.
     assert other(moments, 8.0)[0] == pytest.approx(100.0 + 10.0 * 2.0 + 14.0 * 4.0 + 18.0 * 2.0, abs=CLOSE)
 
@@ -81,7 +77,7 @@ def test_a_lane_changes_by_its_shape(tmp_path: Path, shape: str) -> None:
     moments = played(imported(tmp_path, text), 8.0)
     for part in (0.25, 0.5, 0.75):
         _x, y, _speed = other(moments, 2.0 + PERIOD + 3.0 * part)
-        assert y == pytest.approx(-0.5 * LANE + LANE * speed_over(shape, part), abs=CLOSE)
+        assert y == pytest.approx(-0.5 * LANE + LANE * shape_share(shape, part), abs=CLOSE)
     assert other(moments, 8.0)[1] == pytest.approx(0.5 * LANE, abs=1e-3)
     assert other(moments, 8.0)[0] == pytest.approx(180.0, abs=CLOSE)
 

@@ -11,7 +11,9 @@ import pytest
 from tests.bridges.openscenario.stage import (
     Moment,
     after,
+    element_state,
     event,
+    first_at,
     imported,
     of_entity,
     played,
@@ -30,11 +32,6 @@ def group(condition: str, edge: str = "none", delay: str = "0") -> str:
     </ConditionGroup>"""
 
 
-def state(kind: str, name: str, wanted: str) -> str:
-    return f"""<ByValueCondition><StoryboardElementStateCondition storyboardElementType="{kind}"
-    storyboardElementRef="{name}" state="{wanted}"/></ByValueCondition>"""
-
-
 def stopped(text: str, trigger: str) -> str:
     """The scenario with an act that a trigger stops."""
     return text.replace("<StartTrigger/></Act>", f"<StartTrigger/><StopTrigger>{trigger}</StopTrigger></Act>")
@@ -42,11 +39,6 @@ def stopped(text: str, trigger: str) -> str:
 
 def speeds(moments: list[Moment], *times: float) -> list[float]:
     return [moments[round(time / PERIOD)].actors["Other"].speed for time in times]
-
-
-def first(moments: list[Moment], speed: float) -> float:
-    """When the other entity has a speed [m/s] for the first time [s]."""
-    return next((m.time for m in moments if abs(m.actors["Other"].speed - speed) < 1e-6), math.inf)
 
 
 def problems(folder: Path, text: str) -> list[str]:
@@ -66,18 +58,18 @@ def test_an_act_that_is_stopped_ends_what_runs_and_begins_nothing_more(tmp_path:
 
 def test_a_drive_is_over_when_its_only_act_is_stopped(tmp_path: Path) -> None:
     events = event("faster", speed_action("linear", "time", "2", "20"), after("1"))
-    text = stopped(scenario(events), group(state("event", "faster", "endTransition"), "rising", "1.5"))
+    text = stopped(scenario(events), group(element_state("event", "faster", "endTransition"), "rising", "1.5"))
     moments = played(imported(tmp_path, text), 6.0)
     assert next(m.time for m in moments if m.ended) == pytest.approx(1.0 + 2.0 + 1.5, abs=4 * PERIOD)
 
 
 def test_what_waits_for_an_act_begins_when_that_is_stopped(tmp_path: Path) -> None:
     text = stopped(scenario(event("faster", FASTER, after("20")), stop=LONG), group(after("3")))
-    late = event("late", step("5"), state("act", "a", "completeState"), delay="1")
+    late = event("late", step("5"), element_state("act", "a", "completeState"), delay="1")
     act = f"""<Act name="b"><ManeuverGroup name="h" maximumExecutionCount="1"><Actors selectTriggeringEntities="false">
     <EntityRef entityRef="Other"/></Actors><Maneuver name="n">{late}</Maneuver></ManeuverGroup><StartTrigger/></Act>"""
     moments = played(imported(tmp_path, text.replace("</Act></Story>", f"</Act>{act}</Story>")), 6.0)
-    assert first(moments, 5.0) == pytest.approx(3.0 + 1.0, abs=4 * PERIOD)
+    assert first_at(moments, 5.0) == pytest.approx(3.0 + 1.0, abs=4 * PERIOD)
 
 
 RELATIVE = """<PrivateAction><LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="step"/>
@@ -131,7 +123,7 @@ def test_an_event_of_two_actions_that_repeats_is_refused(tmp_path: Path) -> None
 
 def test_what_waits_until_a_repeating_event_is_complete_is_refused(tmp_path: Path) -> None:
     events = event("e", RELATIVE, after("1"), more='maximumExecutionCount="2"')
-    events += event("f", step("3"), state("event", "e", "completeState"))
+    events += event("f", step("3"), element_state("event", "e", "completeState"))
     assert "repeats: nobody knows when that is over" in problems(tmp_path, scenario(events))[0]
 
 
@@ -150,21 +142,22 @@ def test_what_holds_from_the_start_waits_for_its_delay(tmp_path: Path, condition
     declared = '<ParameterDeclaration name="p" parameterType="int" value="1"/>'
     late = event("e", step("7"), f"<ByValueCondition>{condition}</ByValueCondition>", delay="2")
     moments = played(imported(tmp_path, scenario(late, parameters=declared)), 4.0)
-    assert first(moments, 7.0) == pytest.approx(expected, abs=2 * PERIOD)
+    assert first_at(moments, 7.0) == pytest.approx(expected, abs=2 * PERIOD)
 
 
 def test_the_state_of_an_action_is_known_by_its_name(tmp_path: Path) -> None:
     change = event("one", speed_action("linear", "time", "2", "12"), after("1"))
     moments = played(
-        imported(tmp_path, scenario(change + event("two", step("7"), state("action", "one", "endTransition")))), 5.0
+        imported(tmp_path, scenario(change + event("two", step("7"), element_state("action", "one", "endTransition")))),
+        5.0,
     )
-    assert first(moments, 7.0) == pytest.approx(3.0, abs=4 * PERIOD)
+    assert first_at(moments, 7.0) == pytest.approx(3.0, abs=4 * PERIOD)
 
 
 def test_of_two_elements_with_one_name_that_of_the_same_manoeuvre_is_meant(tmp_path: Path) -> None:
     def manoeuvre(began: str, speed: str) -> str:
         change = event("one", speed_action("linear", "time", "1", speed), after(began))
-        return change + event(f"two{speed}", step("7"), state("event", "one", "endTransition"))
+        return change + event(f"two{speed}", step("7"), element_state("event", "one", "endTransition"))
 
     text = scenario(f'{manoeuvre("1", "12")}</Maneuver><Maneuver name="n">{manoeuvre("4", "15")}')
     moments = played(imported(tmp_path, text), 6.0)
@@ -187,7 +180,7 @@ def test_a_meeting_may_have_a_speed_that_counts_from_the_egos(tmp_path: Path) ->
 
 def test_a_name_that_two_elements_have_says_nothing(tmp_path: Path) -> None:
     events = event("one", FASTER, after("1")) + event("one", step("5"), after("2"))
-    events += event("two", step("7"), state("event", "one", "endTransition"))
+    events += event("two", step("7"), element_state("event", "one", "endTransition"))
     assert "several elements event 'one'" in problems(tmp_path, scenario(events))[0]
 
 
