@@ -11,49 +11,49 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from vve_sumo.controller import Tuning, settle
-from vve_sumo.laws import sideways_reach, stopping_distance, swerve_time, time_to_cover
 from vve_sumo.path import PathProjection
 from vve_sumo.values import Observation, Vehicle
 
 from . import follow_and_stop
-from .emergency import FIRST_ORDER_RAMP, JERK
-from .follow_and_stop import COMFORT_LIMIT, PERIOD, FollowAndStop, Way, steering_law
-from .free_space import LEFT, RIGHT, SPREAD_LIMIT, Margins, Nodes, Room, clearances, room, side_of
+from .follow_and_stop import FollowAndStop, Way, steering_law
+from .free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room, side_of
+from .in_the_way import (
+    COMFORT,
+    HEAD,
+    LOOKS_FROM,
+    URGENT,
+    WANTED,
+    Sight,
+    asks_for_room,
+    braked_speeds,
+    can_wait,
+    comes_at_once,
+    comes_nearer,
+    comes_too_late,
+    covers,
+    in_path,
+    is_gone,
+    is_met,
+    is_slow,
+    may_come_over,
+    slowing_distance,
+)
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
 from .speed import SLOWING, SPEEDING_UP
 from .tracks import Target, Tracker
-from .way_around import (
-    CONTACT,
-    CROSSES,
-    NODES,
-    SPACING,
-    URGENT_ACCELERATION,
-    URGENT_JERK,
-    WayAround,
-    first_met,
-)
+from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround
 
-HEAD: Final = 3  #: nodes, the first one behind the car, that a new way leaves where they were
-WANTED: Final = 0.8  #: a body that is nearer than this to the car's side on its path is steered around [m]
-COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
-#: the same before the car has left its path: it must then be back so much earlier before who comes the other way
+#: as COMFORT, before the car has left its path: it must then be back so much earlier before who comes the other way
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: a way in comfort that is this far from all bodies is kept where no new one is found [m]
 KEPT: Final = 0.7
-#: an urgent way keeps so far from bodies; the first that leads past is taken
-URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0.15))
-#: who comes the other way in the car's way is given way to by steering when he is so near [s]
-ONCOMING: Final = 4.0
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
-#: who is not slower than the car would be by so much [m/s], or half as fast, is not gone around in comfort, nor who
-#: crosses
-SLOWER: Final = 2.0
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
 SLOWS: Final = 1.0  #: and from so much more it slows down to one of them [m/s]
@@ -61,11 +61,9 @@ STANDS: Final = 0.2  #: a car that is no faster has come to rest [m/s]
 AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
 ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew where the car is [m]
 WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
-#: way that coming back takes for each metre beside the path, and what must be left before a body then [m]
-BACK_SHARE, WAITS = 2.0, 4.0
 BACK: Final = 0.6  #: a car that waits no farther beside its path is out of the way of who comes the other way [m]
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
-LOOKS_FROM, LOOKS_EVERY = 6.0, 3.0  #: the places of the road beside that must be in sight [m]
+LOOKS_EVERY: Final = 3.0  #: between the places of the road beside that must be in sight [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
 #: portions of work on a decision in one tick, of about a millisecond each; a tick that takes in a turn of the lidar has
@@ -91,17 +89,6 @@ RANGES: dict[str, tuple[float, float]] = {
 
 
 _DECIDED: Final = object()
-
-
-class _Sight(NamedTuple):
-    """What is known at a turn of the lidar."""
-
-    observation: Observation
-    here: PathProjection
-    bodies: list[Body]
-    nodes: Nodes
-    speeds: list[float]  #: that the car would have at the nodes if nothing were in its way [m/s]
-    first: int  #: number of the first node
 
 
 class SteerAround:
@@ -130,7 +117,7 @@ class SteerAround:
             self._bodies = self._outlines.bodies(observation.time, tracker.confirmed)
             self._seen = observation.time
             sight = self._sight(observation, projection)
-            self._in_path = _in_path(sight)
+            self._in_path = in_path(sight)
             # What was still being decided on by an older turn is out of date.
             self._decision = self._deciding(sight, self._decision is not None)
             self._decide(1)
@@ -157,7 +144,7 @@ class SteerAround:
         gap, body = min(ahead, key=lambda pair: pair[0], default=(math.inf, None))
         return None if body is None else Target(gap, body.along)
 
-    def _sight(self, observation: Observation, here: PathProjection) -> _Sight:
+    def _sight(self, observation: Observation, here: PathProjection) -> Sight:
         first = math.floor(here.s / SPACING)
         s = SPACING * (first + np.arange(NODES))
         curvature = np.array([observation.path.at(node).curvature for node in s.tolist()])
@@ -167,8 +154,8 @@ class SteerAround:
             limit = min(observation.desired_speed, math.sqrt(self._lateral / max(abs(bend), 1e-6)))
             speed = math.sqrt(min(speed * speed + 2.0 * SPEEDING_UP * SPACING, max(limit, speed) ** 2))
             speeds.append(max(speed, 0.5))
-        bodies = [body for body in self._bodies if not _is_gone(body, here.s - self._vehicle.rear_overhang)]
-        return _Sight(observation, here, bodies, nodes, speeds, first)
+        bodies = [body for body in self._bodies if not is_gone(body, here.s - self._vehicle.rear_overhang)]
+        return Sight(self._vehicle, observation, here, bodies, nodes, speeds, first)
 
     # What to do, once a turn. The ticks until the next turn share the work, so that no tick is held up.
 
@@ -180,21 +167,21 @@ class SteerAround:
             if next(self._decision, _DECIDED) is _DECIDED:
                 self._decision = None
 
-    def _deciding(self, sight: _Sight, was_cut_off: bool) -> Generator[None, None, None]:
+    def _deciding(self, sight: Sight, was_cut_off: bool) -> Generator[None, None, None]:
         """Decide, and yield after each portion of work; what is decided counts once it is.
 
         Where the decision by the turn before was cut off, it was looking for a new way in comfort, and had not come to
         what is done without one. That comes first now: else the car would go on along a way that is not free any more.
         """
         times = times_at(sight.speeds, SPACING)
-        asking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
-        blocking = [body for body in asking if not _comes_nearer(body)]
-        self._hurries = self._comes_too_late(sight, asking, self._line)
+        asking = [body for body in sight.bodies if asks_for_room(sight, times, body)]
+        blocking = [body for body in asking if not comes_nearer(body)]
+        self._hurries = comes_too_late(sight, asking, self._line, self._brakes)
         if not asking and self._line is None:
             self._free = 0
             return
         plan = None
-        if (self._line is None or not was_cut_off) and all(_is_slow(body, sight) for body in blocking):
+        if (self._line is None or not was_cut_off) and all(is_slow(body, sight) for body in blocking):
             plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
@@ -205,7 +192,7 @@ class SteerAround:
         elif not (yield from self._swerve(sight, self._in_line(sight))):
             self._go_on(sight)
 
-    def _gives_up(self, sight: _Sight, asking: list[Body], blocking: list[Body]) -> bool:
+    def _gives_up(self, sight: Sight, asking: list[Body], blocking: list[Body]) -> bool:
         """Give up a way for which the car has no use any more; tell whether it did.
 
         That is, while the car is still on its path, one in comfort that is not free, where the car can slow down behind
@@ -216,26 +203,26 @@ class SteerAround:
         assert self._line is not None
         if self._line.urgent:
             # The way itself leads past whom it is about: without it he would be met.
-            needed = self._comes_too_late(sight, asking, None)
+            needed = comes_too_late(sight, asking, None, self._brakes)
             useful = needed or (abs(sight.here.d) > AT_PATH and sight.observation.pose.speed > STANDS)
         elif abs(sight.here.d) > AT_PATH:
             useful = True
         else:
             useful = bool(blocking) and (
                 self._is_free(sight, self._keeps(sight))
-                or (not self._can_wait(sight, blocking) and self._is_free(sight, COMFORT))
-                or self._comes_too_late(sight, asking, None)
+                or (not can_wait(sight, blocking) and self._is_free(sight, COMFORT))
+                or comes_too_late(sight, asking, None, self._brakes)
             )
         if not useful:
             self._line = self._along = None
         return not useful
 
-    def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
+    def _stays(self, sight: Sight, blocking: list[Body]) -> Generator[None, None, bool]:
         """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
         if blocking and self._is_free(sight, self._keeps(sight)):
             self._keep(sight)
             return True
-        back = (yield from self._way_back(sight)) if self._can_wait(sight, blocking) else None
+        back = (yield from self._way_back(sight)) if can_wait(sight, blocking) else None
         if back is not None and self._beside_at_rest(sight, back) < BACK:
             self._adopt(sight, back, urgent=False)
             return True
@@ -247,30 +234,25 @@ class SteerAround:
             self._adopt(sight, back, urgent=False)
         return back is not None
 
-    def _swerve(self, sight: _Sight, threats: list[Body]) -> Generator[None, None, bool]:
+    def _swerve(self, sight: Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
         plan = yield from self._urgently(sight, threats)
         if plan is not None:
             self._adopt(sight, plan, urgent=True)
         return plan is not None
 
-    def _in_line(self, sight: _Sight) -> list[Body]:
+    def _in_line(self, sight: Sight) -> list[Body]:
         """Return the bodies that are in the way which the car has taken."""
-        return [body for body in sight.bodies if self._is_met(sight, body, self._line)]
+        return [body for body in sight.bodies if is_met(sight, body, self._line)]
 
-    def _is_met(self, sight: _Sight, body: Body, line: WayAround | None) -> bool:
-        """Tell whether a body is in a way around, or on the path where that is None."""
-        d = [0.0 if line is None else line.d_at(sight.first + node) for node in range(NODES)]
-        return first_met(sight.nodes, times_at(sight.speeds, SPACING), d, body) is not None
-
-    def _keep(self, sight: _Sight) -> None:
+    def _keep(self, sight: Sight) -> None:
         """Go on along the way that there is, at its speeds."""
         assert self._line is not None
         d, planned = self._line.ahead(sight.first)
         speeds = np.minimum(sight.speeds, planned).tolist()
         self._lay(sight, LateralPlan(tuple(d), tuple(speeds)), urgent=False)
 
-    def _is_free(self, sight: _Sight, keeps: Margins) -> bool:
+    def _is_free(self, sight: Sight, keeps: Margins) -> bool:
         """Tell whether the way that the car has is free, if less generously than a new one has to be."""
         line = self._line
         assert line is not None
@@ -278,23 +260,7 @@ class SteerAround:
         times = times_at(np.minimum(sight.speeds, planned).tolist(), SPACING)
         return all(min(clearances(sight.nodes, times, d, body, keeps)) >= KEPT for body in sight.bodies)
 
-    def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
-        """Tell whether the car can still come back to its path and slow down there in comfort behind what is there."""
-        bumper = sight.here.s + self._vehicle.rear_axle_to_bumper
-        back = abs(sight.here.d) * BACK_SHARE + WAITS
-        gaps = [float(body.s.min()) - bumper - self._slowing(sight, max(body.along, 0.0)) for body in blocking]
-        return min(gaps, default=-math.inf) > back
-
-    def _slowing(self, sight: _Sight, speed: float) -> float:
-        """Return the way that the car gains on somebody of a speed [m/s] while slowing in comfort to that speed [m]."""
-        delay = 2.0 * PERIOD + self._vehicle.brake_delay
-        return stopping_distance(max(sight.observation.pose.speed - speed, 0.0), -COMFORT_LIMIT, delay, 0.7)
-
-    def _asks_for_room(self, sight: _Sight, times: Sequence[float], body: Body) -> bool:
-        keeps = CONTACT._replace(slack=COMFORT.slack if body.along > 0.0 else 0.0)
-        return min(clearances(sight.nodes, times, [0.0] * NODES, body, keeps)) < WANTED
-
-    def _in_comfort(self, sight: _Sight, blocking: list[Body]) -> Planning:
+    def _in_comfort(self, sight: Sight, blocking: list[Body]) -> Planning:
         """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns.
 
         Where the next turn comes before all speeds and sides are tried, that one goes on where this one was.
@@ -318,7 +284,7 @@ class SteerAround:
         self._tried = self._free = 0
         return None
 
-    def _creeping(self, sight: _Sight, blocking: list[Body], cap: float) -> list[float]:
+    def _creeping(self, sight: Sight, blocking: list[Body], cap: float) -> list[float]:
         """Return the speeds at the nodes of a car that keeps to a cap until it is beside what blocks its path [m/s]."""
         if cap == math.inf:
             return sight.speeds
@@ -330,67 +296,26 @@ class SteerAround:
             speeds.append(min(faster, open_road, max(cap, slower) if s < beside else math.inf))
         return speeds
 
-    def _urgently(self, sight: _Sight, blocking: list[Body]) -> Planning:
+    def _urgently(self, sight: Sight, blocking: list[Body]) -> Planning:
         """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car go."""
-        if not blocking or not self._comes_too_late(sight, blocking, self._line):
+        if not blocking or not comes_too_late(sight, blocking, self._line, self._brakes):
             return None
         self._hurries = True
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
-        paces = [self._braked(sight)] if self._brakes else []
-        if not self._brakes or any(map(_comes_nearer, blocking)):
+        paces = [braked_speeds(sight)] if self._brakes else []
+        if not self._brakes or any(map(comes_nearer, blocking)):
             # A car at rest cannot get out of anybody's way.
             paces.append([max(sight.observation.pose.speed, 0.5)] * NODES)
         for keeps, speeds in product(URGENT, paces):
             for sides in _sides(sight.bodies, blocking):
                 yield
                 plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
-                if plan is not None and not any(_comes_at_once(sight, plan, body) for body in blocking):
+                if plan is not None and not any(comes_at_once(sight, plan, body) for body in blocking):
                     return plan
         return None
 
-    def _comes_too_late(self, sight: _Sight, blocking: list[Body], line: WayAround | None) -> bool:
-        """Tell whether the car would reach one of the bodies before it stands, and can still come to the side of it.
-
-        Who comes the other way counts where he is in a way around, or on the path where that is None.
-        Without brakes of its own it steers as late as it can in half a second more than the least time.
-        """
-        car, speed = self._vehicle, sight.observation.pose.speed
-        bumper, delay = sight.here.s + car.rear_axle_to_bumper, car.brake_delay + PERIOD
-        build_up = FIRST_ORDER_RAMP * car.brake_lag + car.deceleration_limit / JERK
-        answer = car.steering_delay + car.steering_lag + PERIOD
-        for body in blocking:
-            gap, closing = float(body.s.min()) - bumper, speed - max(body.along, 0.0)
-            if gap <= 0.0 or closing <= 0.0:
-                continue
-            if _comes_nearer(body):
-                if gap < (speed - body.along) * ONCOMING and self._is_met(sight, body, line):
-                    return True
-            elif not self._brakes:
-                needs = swerve_time(self._aside(body.moved(gap / closing)), URGENT_ACCELERATION, URGENT_JERK, answer)
-                if gap < closing * (needs + 0.5):
-                    return True
-            elif stopping_distance(closing, car.deceleration_limit, delay, build_up) > gap:
-                time = time_to_cover(gap, closing, car.deceleration_limit, delay + 0.5 * build_up)
-                if sideways_reach(time - answer, URGENT_ACCELERATION, URGENT_JERK) > 0.0:
-                    return True
-        return False
-
-    def _aside(self, body: Body) -> float:
-        """Return how far the car must go aside to pass a body that is beside it then as it would like to [m]."""
-        half = 0.5 * self._vehicle.width + URGENT[0].clearance
-        return max(min(float(body.d.max()) + half, half - float(body.d.min())), 0.0)
-
-    def _braked(self, sight: _Sight) -> list[float]:
-        """Return the speeds at the nodes while the car brakes with all there is [m/s]."""
-        speed, car = sight.observation.pose.speed, self._vehicle
-        late = speed * (car.brake_delay + PERIOD)
-        squares = (
-            speed * speed - 2.0 * car.deceleration_limit * max(SPACING * node - late, 0.0) for node in range(NODES)
-        )
-        return [math.sqrt(max(square, 0.25)) for square in squares]
-
     def _task(
-        self, sight: _Sight, sides: Sequence[int], keeps: Margins, limits: LateralLimits, speeds: Sequence[float]
+        self, sight: Sight, sides: Sequence[int], keeps: Margins, limits: LateralLimits, speeds: Sequence[float]
     ) -> Task:
         def free(times: Sequence[float]) -> Room:
             return room(sight.nodes, times, sight.bodies, sides, keeps).within(
@@ -403,7 +328,7 @@ class SteerAround:
             before = tuple(line.d_at(sight.first + node) for node in range(NODES))
         return Task(head, SPACING, sight.nodes.curvature.tolist(), speeds, free, limits, before)
 
-    def _head(self, sight: _Sight) -> tuple[float, ...]:
+    def _head(self, sight: Sight) -> tuple[float, ...]:
         """Return the d of the nodes that a new way leaves where they were: those of the old way, or the car's."""
         line, here = self._line, sight.here
         if line is not None and abs(self._off(sight)) < ASTRAY:
@@ -413,30 +338,30 @@ class SteerAround:
         places = (SPACING * (sight.first + node) - here.s for node in range(HEAD))
         return tuple(here.d + slope * place for place in places)
 
-    def _off(self, sight: _Sight) -> float:
+    def _off(self, sight: Sight) -> float:
         """Return how far the car is off its way [m]."""
         assert self._line is not None
         pose = sight.observation.pose
         return self._line.path.project(pose.x, pose.y, self._along).d
 
-    def _is_out(self, sight: _Sight) -> bool:
+    def _is_out(self, sight: Sight) -> bool:
         """Tell whether the car has left its path already, so that it is too late to ask whether it should."""
         return self._line is not None and abs(sight.here.d) > 0.5 * self._vehicle.width
 
-    def _keeps(self, sight: _Sight) -> Margins:
+    def _keeps(self, sight: Sight) -> Margins:
         return COMFORT if self._is_out(sight) else SETTING_OUT
 
-    def _may_set_out(self, sight: _Sight, blocking: list[Body], plan: LateralPlan) -> bool:
+    def _may_set_out(self, sight: Sight, blocking: list[Body], plan: LateralPlan) -> bool:
         """Tell whether a way is back on its path before that ends, where the car stops, and is seen to be free.
 
         And whether who blocks the path stays where he is: who comes over is not gone around until he keeps his line.
         """
-        if any(abs(body.drift) > max(CROSSES, body.sigma) for body in blocking):
+        if any(map(may_come_over, blocking)):
             return False
         end = max(int(sight.observation.path.length / SPACING) - sight.first, 0)
         return max(map(abs, plan.d[end:]), default=0.0) < AT_PATH and self._sees(sight, plan)
 
-    def _sees(self, sight: _Sight, plan: LateralPlan) -> bool:
+    def _sees(self, sight: Sight, plan: LateralPlan) -> bool:
         """Tell whether all of the road beside is in sight that somebody could come along before the car is back.
 
         He is taken to be as fast as the car may be. Whoever is seen in that lane blocks the way of those behind him.
@@ -450,85 +375,39 @@ class SteerAround:
         aside = float(d[np.abs(d).argmax()])
         fastest = sight.observation.desired_speed
         until = sight.here.s + min(SPACING * last + fastest * (times[last] + REACTION), SIGHT)
-        until = min([until, *(float(body.s.min()) for body in sight.bodies if _covers(body, aside, sight.here.s))])
+        until = min([until, *(float(body.s.min()) for body in sight.bodies if covers(body, aside, sight.here.s))])
         places = np.arange(sight.here.s + LOOKS_FROM, until, LOOKS_EVERY).tolist()
         return self._outlines.in_sight(sight.observation.path, places, aside)
 
     # The way itself.
 
-    def _adopt(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
+    def _adopt(self, sight: Sight, plan: LateralPlan, urgent: bool) -> None:
         """Take a way; one that has come back to the path, with the car on it, ends."""
         if max(map(abs, plan.d)) < ALONG_PATH and abs(sight.here.d) < AT_PATH:
             self._line = self._along = None
             return
         self._lay(sight, plan, urgent)
 
-    def _way_back(self, sight: _Sight) -> Planning:
+    def _way_back(self, sight: Sight) -> Planning:
         """Return the way back to the path, where the car brakes for what is in it."""
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         task = self._task(sight, (), COMFORT, limits, sight.speeds)
         return self._planner.planning(task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES)))
 
-    def _beside_at_rest(self, sight: _Sight, plan: LateralPlan) -> float:
+    def _beside_at_rest(self, sight: Sight, plan: LateralPlan) -> float:
         """Return how far beside its path the car comes to rest on a way, slowing in comfort [m]."""
-        rest = sight.here.s + self._slowing(sight, 0.0)
+        rest = sight.here.s + slowing_distance(sight, 0.0)
         return abs(plan.d[min(round(rest / SPACING) - sight.first, NODES - 1)])
 
-    def _go_on(self, sight: _Sight) -> None:
+    def _go_on(self, sight: Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
         assert self._line is not None
         d = tuple(self._line.d_at(sight.first + node) for node in range(NODES))
         self._lay(sight, LateralPlan(d, tuple(sight.speeds)), self._line.urgent)
 
-    def _lay(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
+    def _lay(self, sight: Sight, plan: LateralPlan, urgent: bool) -> None:
         self._line = WayAround.of_plan(sight.observation.path, sight.first, plan, sight.speeds, self._lateral, urgent)
         self._along = None
-
-
-def _in_path(sight: _Sight) -> list[Body]:
-    """Return the bodies that stand in the scenario's path, or go along it."""
-    nodes, times, path = sight.nodes, times_at(sight.speeds, SPACING), [0.0] * NODES
-    reach = float(max(nodes.left.max(), nodes.right.max())) + SPREAD_LIMIT
-    found = []
-    for body in sight.bodies:
-        along = abs(body.across) < CROSSES and not _comes_nearer(body)
-        # Most stand beside the road, and what follows takes a third of a millisecond.
-        if along and body.d.min() < reach and body.d.max() > -reach and first_met(nodes, times, path, body) is not None:
-            found.append(body)
-    return found
-
-
-def _comes_nearer(body: Body) -> bool:
-    """Tell whether a body comes the other way: it goes first, and nobody goes around it in comfort."""
-    return body.along < -SLOWER
-
-
-def _comes_at_once(sight: _Sight, plan: LateralPlan, body: Body) -> bool:
-    """Tell whether who comes the other way meets the car on the first nodes of a plan, which it leaves where they were.
-
-    So he does where the car has come to rest on them by then.
-    """
-    if not _comes_nearer(body):
-        return False
-    node = first_met(sight.nodes, times_at(plan.speeds, SPACING), plan.d, body)
-    return node is not None and node < HEAD
-
-
-def _is_gone(body: Body, rear: float) -> bool:
-    """Tell whether a body that came the other way is behind the car's rear, whose s this is [m]."""
-    return _comes_nearer(body) and float(body.s.max()) < rear
-
-
-def _covers(body: Body, d: float, ego_s: float) -> bool:
-    """Tell whether a body ahead of the car covers a line `d` beside the path, so that nobody comes along it [m]."""
-    ahead = body.s > ego_s + LOOKS_FROM
-    return bool((ahead & (body.d <= d)).any() and (ahead & (body.d >= d)).any())
-
-
-def _is_slow(body: Body, sight: _Sight) -> bool:
-    """Tell whether a body stands or goes along slowly, so that it is worth going around."""
-    desired = sight.observation.desired_speed
-    return abs(body.across) < CROSSES and body.along < max(desired - SLOWER, 0.5 * desired)
 
 
 def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:
