@@ -25,8 +25,9 @@ NODES: Final = 64  #: of a way: it leads 95 m ahead
 #: lateral, of an urgent way: of the gateway's 3.0 m/s2 and 5.0 m/s3 a share is left to the steering law
 URGENT_ACCELERATION, URGENT_JERK = 2.8, 4.6
 CONTACT: Final = Margins(MARGIN, 0.3, 0.0, 1.0)  #: what comes nearer than this is in the way
-NEAR: Final = 0.5  #: who is nearer than this to a way in comfort is braked for [m]
+NEAR: Final = 0.5  #: who is nearer than this to a way is braked for [m]
 CROSSES: Final = 0.5  #: who is faster across the path crosses it: he will be gone [m/s]
+ONCOMING: Final = 2.0  #: who comes nearer along the path by more than this comes the other way [m/s]
 HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfort [s]
 
 
@@ -95,11 +96,15 @@ class WayAround(NamedTuple):
             gap = float(body.s.min()) - bumper
             if float(body.s.max()) < here.s - vehicle.rear_overhang:
                 continue
-            node = first_met(nodes, steady, d, body)
+            away = clearances(nodes, steady, d, body, CONTACT)
+            # Braking is no use for whom the bumper has passed. An urgent way was planned for a car that brakes with all
+            # there is; only who comes head-on would meet it at rest.
+            near = NEAR if float(body.s.max()) > bumper else 0.0
+            node = _first_within(away, near if self.urgent and body.along > -ONCOMING else 0.0)
             if node is not None and steady[node] < HORIZON:
                 dangers.append(_target(body, gap, steady[node]))
             # At its present speed the car may overtake who goes along too late for this way, or never.
-            node = first_met(nodes, planned, d, body, 0.0 if self.urgent else NEAR)
+            node = _first_within(away, 0.0) if self.urgent else first_met(nodes, planned, d, body, near)
             if node is not None and (nearest is None or gap < nearest.gap):
                 nearest = _target(body, gap, planned[node])
         return nearest, dangers
@@ -130,7 +135,10 @@ class _Kept(NamedTuple):
 
 def first_met(nodes: Nodes, times: Sequence[float], d: Sequence[float], body: Body, within: float = 0.0) -> int | None:
     """Return the first node at which the car comes `within` a distance [m] of a body on a way, None for nowhere."""
-    away = clearances(nodes, times, d, body, CONTACT)
+    return _first_within(clearances(nodes, times, d, body, CONTACT), within)
+
+
+def _first_within(away: Sequence[float], within: float) -> int | None:
     return next((node for node, clear in enumerate(away) if clear < within), None)
 
 
