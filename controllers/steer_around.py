@@ -386,7 +386,7 @@ class SteerAround:
         if max(map(abs, plan.d)) < ALONG_PATH and abs(sight.here.d) < AT_PATH:
             self._line = self._along = None
             return
-        self._lay(sight, plan, urgent)
+        self._lay(sight, plan, urgent=urgent, braking=urgent and plan.speeds[-1] < plan.speeds[0])
 
     def _way_back(self, sight: Sight) -> Planning:
         """Return the way back to the path, where the car brakes for what is in it."""
@@ -403,10 +403,14 @@ class SteerAround:
         """Go on along the way that there is, the car braking for what is in it now."""
         assert self._line is not None
         d = tuple(self._line.d_at(sight.first + node) for node in range(NODES))
-        self._lay(sight, LateralPlan(d, tuple(sight.speeds)), self._line.urgent)
+        plan = LateralPlan(d, tuple(sight.speeds))
+        self._lay(sight, plan, urgent=self._line.urgent, braking=self._line.braking)
 
-    def _lay(self, sight: Sight, plan: LateralPlan, urgent: bool) -> None:
-        self._line = WayAround.of_plan(sight.observation.path, sight.first, plan, sight.speeds, self._lateral, urgent)
+    def _lay(self, sight: Sight, plan: LateralPlan, *, urgent: bool, braking: bool = False) -> None:
+        path = sight.observation.path
+        self._line = WayAround.of_plan(
+            path, sight.first, plan, sight.speeds, self._lateral, urgent=urgent, braking=braking
+        )
         self._along = None
 
 

@@ -41,11 +41,13 @@ class WayAround(NamedTuple):
     profile: Profile
     commanded: CommandedPath
     urgent: bool
+    braking: bool  #: whether it was planned for a car that brakes with all there is
 
     @classmethod
     def of_plan(
-        cls, path: ReferencePath, first: int, plan: LateralPlan, usual: Sequence[float], lateral: float, urgent: bool
-    ) -> WayAround:
+        cls, path: ReferencePath, first: int, plan: LateralPlan, usual: Sequence[float], lateral: float,
+        *, urgent: bool, braking: bool = False,
+    ) -> WayAround:  # fmt: skip
         """Return the way of a plan from a node of a path on.
 
         `usual` are the speeds [m/s] at the nodes of a car that has nothing in its way, `lateral` is the acceleration
@@ -63,7 +65,7 @@ class WayAround(NamedTuple):
         if not urgent and any(planned < open_road - 0.1 for planned, open_road in zip(plan.speeds, usual, strict=True)):
             kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
         commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
-        return cls(first, plan.d, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent)
+        return cls(first, plan.d, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent, braking)
 
     def commanded_from(self, node: int) -> CommandedPath:
         """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
@@ -97,10 +99,9 @@ class WayAround(NamedTuple):
             if float(body.s.max()) < here.s - vehicle.rear_overhang:
                 continue
             away = clearances(nodes, steady, d, body, CONTACT)
-            # Braking is no use for whom the bumper has passed. An urgent way was planned for a car that brakes with all
-            # there is; only who comes head-on would meet it at rest.
+            # Braking is no use for whom the bumper has passed, and who comes head-on would meet the car at rest.
             near = NEAR if float(body.s.max()) > bumper else 0.0
-            node = _first_within(away, near if self.urgent and body.along > -ONCOMING else 0.0)
+            node = _first_within(away, near if self.braking and body.along > -ONCOMING else 0.0)
             if node is not None and steady[node] < HORIZON:
                 dangers.append(_target(body, gap, steady[node]))
             # At its present speed the car may overtake who goes along too late for this way, or never.

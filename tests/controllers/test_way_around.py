@@ -15,7 +15,9 @@ PLACE, ASIDE = 40.0, 1.5  #: of the rear axle along the road [m]; the way runs s
 BUMPER = PLACE + CAR.rear_axle_to_bumper
 
 
-def braked_for(begins: float, away: float, *, urgent: bool, along: float = 0.0) -> tuple[bool, bool]:
+def braked_for(
+    begins: float, away: float, *, urgent: bool, along: float = 0.0, braking: bool = True
+) -> tuple[bool, bool]:
     """Whether a car on the way at 5 m/s brakes in comfort, and whether at once, for a body of 2 m to the right of it.
 
     The body begins at an s [m], so far from the car's side [m].
@@ -23,7 +25,7 @@ def braked_for(begins: float, away: float, *, urgent: bool, along: float = 0.0) 
     side = ASIDE - 0.5 * CAR.width - away
     body = Body(np.array([begins, begins + 2.0]), np.array([side, side]), along, 0.0, 0.0)
     plan = LateralPlan((ASIDE,) * NODES, (5.0,) * NODES)
-    way = WayAround.of_plan(ROAD, int(PLACE / 1.5), plan, plan.speeds, 2.0, urgent)
+    way = WayAround.of_plan(ROAD, int(PLACE / 1.5), plan, plan.speeds, 2.0, urgent=urgent, braking=urgent and braking)
     nearest, dangers = way.met([body], CAR, ROAD.project(PLACE, ASIDE, PLACE), 5.0)
     return nearest is not None, bool(dangers)
 
@@ -41,6 +43,11 @@ def braked_for(begins: float, away: float, *, urgent: bool, along: float = 0.0) 
 )
 def test_who_is_near_a_way_is_braked_for(away: float, urgent: bool, comfort: bool, at_once: bool) -> None:
     assert braked_for(BUMPER + 6.0, away, urgent=urgent) == (comfort, at_once)
+
+
+def test_a_swerve_planned_at_speed_goes_on_at_speed() -> None:
+    """A car at rest would be met by who comes head-on, past whoever else it swerves."""
+    assert braked_for(BUMPER + 6.0, 0.4, urgent=True, braking=False) == (False, False)
 
 
 def test_who_comes_head_on_is_passed_at_speed() -> None:
