@@ -41,7 +41,7 @@ ONCOMING: Final = 4.0
 SLOWER: Final = 2.0
 #: way that coming back takes for each metre beside the path, and what must be left before a body then [m]
 BACK_SHARE, WAITS = 2.0, 4.0
-LOOKS_FROM: Final = 6.0  #: nearer than this nobody covers the road beside for those behind him [m]
+LOOKS_FROM: Final = 6.0  #: places of the road beside, and who covers them, count from so far ahead on [m]
 
 
 class Sight(NamedTuple):
