@@ -1,13 +1,12 @@
 """The storyboard of a scenario: which event does what when, as actions of the actors' stories.
 
-Knows actions, triggers and places; it must not know files that are written.
+Knows events, their triggers, actions and places; it must not know files that are written.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Final
 
 from vve_sumo.bridges.openscenario.actions import (
@@ -17,14 +16,22 @@ from vve_sumo.bridges.openscenario.actions import (
     Stage,
     kind_of,
     longitudinal,
-    looks,
     read_action,
 )
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.ego_path import CHANGES, EgoPath, NominalDrive, PathChange, fires_at
 from vve_sumo.bridges.openscenario.entities import slug
+from vve_sumo.bridges.openscenario.events import (
+    Event,
+    EventReader,
+    element_state,
+    goes_on,
+    private_kind,
+    variable_actions,
+)
 from vve_sumo.bridges.openscenario.parameters import Scope
-from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled, latched
+from vve_sumo.bridges.openscenario.story_triggers import StoryTriggers
+from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.values import EGO
@@ -34,53 +41,14 @@ OVERRIDING: Final = ("override", "overwrite")
 MOST_TIMES: Final = 1000
 
 
-@dataclass(slots=True)
-class Event:
-    """One event of the storyboard."""
-
-    element: Element
-    scope: Scope
-    act: Element
-    act_scope: Scope
-    actors: list[str]  #: names of entities
-    maneuver: int  #: number of its manoeuvre
-    rounds: int  #: how often its manoeuvre group is done
-    states: list[ElementState] = field(default_factory=list)  #: of itself and what it is in, innermost first
-    of_actions: dict[int, ElementState] = field(default_factory=dict)  #: by the identity of their elements
-    names: list[str] = field(default_factory=list)  #: of its actions, ACTOR.NAME
-
-    @property
-    def name(self) -> str:
-        """Its name in the file."""
-        return self.element.attributes.get("name", "")
-
-    @property
-    def actions(self) -> list[Element]:
-        """The elements that say what it does, but for what only changes how something looks."""
-        return [one for one in self.element.all("Action") if not looks(one)]
-
-    @property
-    def times(self) -> int:
-        """How often it is done; raises NotTakenError for no number of times."""
-        stated = self.scope.whole(self.element, "maximumExecutionCount", 1)
-        if stated < 1 and stated != -1:
-            raise NotTakenError(self.element, f"maximumExecutionCount: expected 1 or more, got {stated}")
-        return min(_times(stated) * self.rounds, MOST_TIMES)
-
-
-def _times(stated: int) -> int:
-    return MOST_TIMES if stated == -1 else min(stated, MOST_TIMES)
-
-
 class Storyboard:
     """Reads a storyboard into the actions of each entity's story, and the trigger that ends the drive."""
 
     def __init__(self, document: Document, stage: Stage, context: Context, problems: Problems) -> None:
         self._document, self._stage, self._context, self._problems = document, stage, context, problems
         self.stories: dict[str, list[Action]] = {name: [] for name in stage.ids}  #: by entity's name
-        self._events = list(self._read())
-        self._acts: dict[int, Groups | None] = {}
-        self._stops: dict[int, Groups] = {}
+        self._events = list(EventReader(document, context, problems).read())
+        self._triggers = StoryTriggers(document, context, problems)
         self._last: dict[str, float] = {}  #: when each actor last went elsewhere, as far as times say so [s]
 
     def at_once(self, who: str) -> Iterator[tuple[Element, Scope]]:
@@ -91,7 +59,7 @@ class Storyboard:
             try:
                 private = [one for one in event.actions if one.child("PrivateAction") is not None]
                 kinds = [kind for one in private if (kind := kind_of(one.children[0])).tag in PATHS]
-                begins = bool(kinds) and self._triggers(event) == ([], [])
+                begins = bool(kinds) and self._triggers.starts(event) == ([], [])
             except NotTakenError:
                 continue
             timed = [kind for kind in kinds if kind.child("TimeReference", "Timing") is not None]
@@ -106,7 +74,7 @@ class Storyboard:
         """Yield what the story has an entity do, with the event of each."""
         for event in self._events:
             for one in event.actions if who in event.actors else ():
-                if (kind := _private_kind(one)) is not None:
+                if (kind := private_kind(one)) is not None:
                     yield event, kind
 
     def change_path(self, path: EgoPath) -> EgoPath:
@@ -118,7 +86,7 @@ class Storyboard:
         for event in self._events:
             self._name_actions(event)
             if path.name in event.actors or any(one.child("PrivateAction") is None for one in event.actions):
-                event.states[0].unknown = f"nobody knows when {event.element.where} {event.name!r} is over"
+                event.states[0].unknown = f"nobody knows when {event.where} is over"
                 for state in event.states[1:]:
                     state.waits_for.append(event.states[0])
         for event in self._events:
@@ -132,7 +100,7 @@ class Storyboard:
 
     def _with_change(self, path: EgoPath, event: Event, kind: Element) -> EgoPath:
         self._on(path)
-        armed, when = self._triggers(event)
+        armed, when = self._triggers.starts(event)
         if armed is None or when is None:
             return path  # it never begins
         if event.times > 1:
@@ -158,12 +126,11 @@ class Storyboard:
     def _on(self, path: EgoPath) -> None:
         """Have places count along a path from now on, those of triggers that are known already, too."""
         self._context.place = path.place
-        self._acts.clear()
-        self._stops.clear()
+        self._triggers.begin_anew()
 
     def _known_by_place(self, event: Event) -> bool:
         """Take down where an event of changes that are all in the ego's path begins and is over; whether it is one."""
-        own = [self._stage.path_changes.get((event.maneuver, id(_private_kind(one)))) for one in event.actions]
+        own = [self._stage.path_changes.get((event.maneuver, id(private_kind(one)))) for one in event.actions]
         ways = [way for way in own if way is not None]
         if not ways or len(ways) < len(own):
             return False
@@ -181,10 +148,10 @@ class Storyboard:
             overrides = other.scope.text(other.element, "priority", "parallel") in OVERRIDING
             if other is event or other.maneuver != event.maneuver or not overrides:
                 continue
-            armed, when = self._triggers(other)
+            armed, when = self._triggers.starts(other)
             if armed is not None and when is not None and made.begin <= fires_at(armed, when, nominal, kind) < made.end:
                 raise NotTakenError(kind, f"{other.name!r} ends the ego's change before it is over")
-        stop = self._stop_of(event)
+        stop = self._triggers.stop_of(event)
         if stop and fires_at([], stop, nominal, kind) < made.end:
             raise NotTakenError(kind, "its act is stopped before the ego's change is over")
 
@@ -201,7 +168,7 @@ class Storyboard:
         for event in self._events:
             self._event(event)
         self._drop_ends()
-        return self._stop()
+        return self._triggers.end(self._events)
 
     def _drop_ends(self) -> None:
         """Take actions that are left out, or that never begin, off the lists of what others end."""
@@ -211,60 +178,6 @@ class Storyboard:
                 ends = [name for name in action.pop("ends", []) if name in kept]
                 if ends:
                     action["ends"] = ends
-
-    def _read(self) -> Iterator[Event]:
-        board = self._document.root.child("Storyboard")
-        number = 0
-        for story in [] if board is None else board.all("Story"):
-            in_story = self._document.scope.declared(story.child("ParameterDeclarations"))
-            whole = self._state("story", story)
-            whole.begins([])
-            for act in story.all("Act"):
-                act_state = self._state("act", act, whole)
-                if _is_stopped(act):
-                    act_state.stop = whole.stop = None
-                for group in act.all("ManeuverGroup"):
-                    group_state = self._state("maneuverGroup", group, act_state, whole)
-                    try:
-                        found = list(self._maneuvers(group, in_story))
-                        rounds = _rounds(group, in_story, found)
-                    except NotTakenError as error:
-                        self._problems.add(error)
-                        for one in (group_state, act_state, whole):
-                            one.unknown = str(error)
-                        continue
-                    for maneuver, scope in found:
-                        number += 1
-                        outer = [group_state, act_state, whole]
-                        outer = [self._state("maneuver", maneuver, *outer), *outer]
-                        for event in maneuver.all("Event"):
-                            states = [self._state("event", event, *outer), *outer]
-                            actors = self._actors(group, in_story)
-                            yield Event(event, scope, act, in_story, actors, number, rounds, states)
-
-    def _state(self, kind: str, element: Element, *outer: ElementState) -> ElementState:
-        state = ElementState(element.attributes.get("name", ""), outer=outer)
-        self._context.elements.setdefault((kind, element.attributes.get("name", "")), []).append(state)
-        return state
-
-    def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
-        for one in group.children:
-            if one.tag == "CatalogReference":
-                yield self._document.entry(one, scope, "Maneuver")
-            elif one.tag == "Maneuver":
-                yield one, scope.declared(one.child("ParameterDeclarations"))
-
-    def _actors(self, group: Element, scope: Scope) -> list[str]:
-        actors = group.child("Actors")
-        if actors is None:
-            return []
-        try:
-            if scope.flag(actors, "selectTriggeringEntities", False):
-                raise NotTakenError(actors, "selectTriggeringEntities: expected false")
-            return [scope.text(one, "entityRef") for one in actors.all("EntityRef")]
-        except NotTakenError as error:
-            self._problems.add(error)
-            return []
 
     def _name_actions(self, event: Event) -> None:
         """Name the actions that others than the ego will have of an event, so that conditions may ask for them."""
@@ -288,20 +201,19 @@ class Storyboard:
         """Return the state of an action, one for all of the event's actors; it is known from the first of them on."""
         known = event.of_actions.get(id(action))
         if known is None:
-            known = event.of_actions[id(action)] = self._state("action", action, *event.states)
+            known = event.of_actions[id(action)] = element_state(self._context, "action", action, *event.states)
         return known
 
     def _unnamed(self, event: Event) -> None:
         """Note of an event that has other actions than those of actors whether anybody knows when it is over."""
-        where = f"{event.element.where} {event.name!r}"
         if not event.actions:
-            self._forget(event, f"{where} changes nothing here")
-        elif any(_goes_on(kind) for one in event.actions if (kind := _private_kind(one)) is not None):
-            self._forget(event, f"{where} goes on for good")
-        elif any(one.child("PrivateAction") is None and not list(_variable_actions(one)) for one in event.actions):
-            self._forget(event, f"nobody knows when {where} is over")
+            event.forget(f"{event.where} changes nothing here")
+        elif any(goes_on(kind) for one in event.actions if (kind := private_kind(one)) is not None):
+            event.forget(f"{event.where} goes on for good")
+        elif any(one.child("PrivateAction") is None and not list(variable_actions(one)) for one in event.actions):
+            event.forget(f"nobody knows when {event.where} is over")
         elif any(self._stage.ids.get(actor) == EGO for actor in event.actors) and not self._known_by_place(event):
-            self._forget(event, f"{where}: the ego's controller decides when it is over")
+            event.forget(f"{event.where}: the ego's controller decides when it is over")
 
     def _repeats(self, event: Event) -> None:
         """Note that nobody knows when an event that repeats is over for good."""
@@ -312,39 +224,13 @@ class Storyboard:
         except NotTakenError as error:
             self._leave_out(event, error)
 
-    def _act(self, event: Event) -> Groups | None:
-        """Return the trigger of an event's act, which counts for every event in it."""
-        if id(event.act) not in self._acts:
-            self._acts[id(event.act)] = compiled(event.act.child("StartTrigger"), event.act_scope, self._context)
-        for state in event.states[1:-1]:
-            state.begins(self._acts[id(event.act)])
-        return self._acts[id(event.act)]
-
-    def _stop_of(self, event: Event) -> Groups:
-        """Return the trigger that stops an event's act, [] where nothing does."""
-        act = event.act
-        if id(act) not in self._stops:
-            groups = compiled(act.child("StopTrigger"), event.act_scope, self._context) if _is_stopped(act) else None
-            if groups == []:
-                raise NotTakenError(act, "an act that is stopped as it begins is not taken")
-            self._stops[id(act)] = groups or []
-            event.states[-2].stop = self._stops[id(act)]
-        return self._stops[id(act)]
-
-    def _triggers(self, event: Event) -> tuple[Groups | None, Groups | None]:
-        self._context.within = event.states
-        armed = self._act(event)
-        return armed, None if armed is None else compiled(
-            event.element.child("StartTrigger"), event.scope, self._context
-        )
-
     def _markers(self, event: Event) -> None:
         """Take in an event that sets variables: what it sets, and when."""
-        of_variables = [kind for one in event.actions for kind in _variable_actions(one)]
+        of_variables = [kind for one in event.actions for kind in variable_actions(one)]
         if not of_variables:
             return
         try:
-            armed, when = self._triggers(event)
+            armed, when = self._triggers.starts(event)
             groups = None if armed is None or when is None else _not_before(event, armed, when)
             for kind, what in of_variables:
                 key = what, event.scope.text(kind, f"{what}Ref").removeprefix("$")
@@ -367,36 +253,30 @@ class Storyboard:
 
     def _leave_out(self, event: Event, error: NotTakenError) -> None:
         self._problems.add(error)
-        self._forget(event, f"{event.element.where} {event.name!r} is not taken")
-
-    def _forget(self, event: Event, why: str) -> None:
-        """Note that nobody knows when an event ends, nor what it is in."""
-        for state in (*event.of_actions.values(), *event.states):
-            state.unknown = state.unknown or why
-            state.actions[:] = [name for name in state.actions if name not in event.names]
+        event.forget(f"{event.where} is not taken")
 
     def _read_event(self, event: Event) -> None:
         private = [one for one in event.actions if one.child("PrivateAction") is not None]
         for one in event.actions:
-            if one.child("GlobalAction") is not None and not list(_variable_actions(one)):
+            if one.child("GlobalAction") is not None and not list(variable_actions(one)):
                 self._global(event, one)
             elif one.child("PrivateAction") is None and one.child("GlobalAction") is None:
                 raise NotTakenError(one.children[0] if one.children else one, "this action is not taken")
         if not private:
             if not event.actions:
-                self._forget(event, f"{event.element.where} {event.name!r} changes nothing here")
+                event.forget(f"{event.where} changes nothing here")
             return
-        armed, when = self._triggers(event)
+        armed, when = self._triggers.starts(event)
         if armed is None or when is None:
-            self._problems.note(f"{event.element.where} {event.name!r} never begins")
+            self._problems.note(f"{event.where} never begins")
             event.states[0].begins(None)
-            self._forget(event, f"the event {event.name!r} never begins")
+            event.forget(f"the event {event.name!r} never begins")
             return
         if not event.states[0].markers:
             event.states[0].begins(armed + when if not (armed and when) else when)
         names, taken = iter(event.names), list[tuple[str, Action]]()
         only_ego = all(self._stage.ids.get(actor) == EGO for actor in event.actors)
-        until = [] if only_ego else self._stop_of(event)
+        until = [] if only_ego else self._triggers.stop_of(event)
         common = _when(armed, when, until, self._ended_by(event))
         if event.times > 1:
             common["times"] = event.times
@@ -430,18 +310,17 @@ class Storyboard:
         if key in self._stage.path_changes:
             begin, end = self._stage.path_changes[key]
             self._problems.note(
-                f"{event.element.where} {event.name!r}: the ego's path follows its {kind.tag}, {begin:.1f} m to "
-                f"{end:.1f} m from the start"
+                f"{event.where}: the ego's path follows its {kind.tag}, {begin:.1f} m to {end:.1f} m from the start"
             )
             return
         if kind.tag in LEADING_OFF and not begun:
             raise self._stage.refused_changes.get(key) or NotTakenError(
                 kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
             )
-        why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
+        why = f"{event.where}: the ego's controller drives in place of its {kind.tag}"
         if not begun and (longitudinal(kind) or read_action(kind, event.scope, ego, self._stage) is not None):
             self._problems.note(why)
-        self._forget(event, why)
+        event.forget(why)
 
     def _ended_by(self, event: Event) -> list[str]:
         priority = event.scope.text(event.element, "priority", "parallel")
@@ -459,48 +338,13 @@ class Storyboard:
             name = event.scope.text(inner, "entityRef")
             if self._stage.id(inner, name) == EGO:
                 raise NotTakenError(inner, "the ego stays until the drive is over")
-            armed, when = self._triggers(event)
+            armed, when = self._triggers.starts(event)
             if armed is not None and when is not None:
                 story = self.stories[name]
-                when_it_leaves = _when(armed, when, self._stop_of(event), [])
+                when_it_leaves = _when(armed, when, self._triggers.stop_of(event), [])
                 story.append({"name": f"leaves_{len(story)}"} | when_it_leaves | {"leaves": True})
             return
         raise NotTakenError(inner, "this global action is not taken")
-
-    def _stop(self) -> Groups:
-        board = self._document.root.child("Storyboard")
-        trigger = None if board is None else board.child("StopTrigger")
-        self._context.within = ()
-        groups: Groups = []
-        for one in [] if trigger is None else trigger.all("ConditionGroup"):
-            alone = Element("StopTrigger", {}, one.file, one.line, [one])
-            try:
-                found = compiled(alone, self._document.scope, self._context)
-                if found == []:
-                    raise NotTakenError(one, "it ends the drive as it begins")
-                groups += found or []
-            except NotTakenError as error:
-                self._problems.add(error)
-        if trigger is None or not trigger.children:
-            return self._stop_of_all()
-        return groups
-
-    def _stop_of_all(self) -> Groups:
-        """Return when every act has been stopped: then nothing is left of a storyboard that nothing ends otherwise."""
-        acts = {id(event.act): event for event in self._events}
-        groups: Groups = [[]]
-        try:
-            for event in acts.values():
-                if not _is_stopped(event.act):
-                    return []
-                stop = self._stop_of(event)
-                if len(acts) > 1:
-                    stop = latched(event.act, stop) if stop else []
-                groups = [[*one, *other] for one in groups for other in stop]
-        except NotTakenError as error:
-            self._problems.note(f"{error}: it does not end the drive")
-            return []
-        return groups if acts else []
 
 
 def _time(groups: Groups) -> float | None:
@@ -511,46 +355,9 @@ def _time(groups: Groups) -> float | None:
     return float(first["time_s"] + first.get("delay_s", 0.0))
 
 
-def _private_kind(action: Element) -> Element | None:
-    """Return what a private action of an event does, None where that is none."""
-    private = action.child("PrivateAction")
-    try:
-        return None if private is None else kind_of(private)
-    except NotTakenError:
-        return None
-
-
-def _goes_on(kind: Element) -> bool:
-    """Whether an action keeps an offset for good, which is no action of its own here once the offset is reached."""
-    return kind.tag == "LaneOffsetAction" and kind.attributes.get("continuous", "false").lower() in ("true", "1")
-
-
 def _gone(way: float) -> dict[str, Any]:
     """Return the condition that the ego has gone a way [m] since the start."""
     return {"travelled_m": round(way, 4), "rule": ">="}
-
-
-def _rounds(group: Element, scope: Scope, maneuvers: Sequence[tuple[Element, Scope]]) -> int:
-    """Return how often a manoeuvre group is done; raises NotTakenError where that is more than to repeat one event.
-
-    A group begins anew once all in it is complete: with one event whose trigger has no delay that is as if the event
-    were done so often.
-    """
-    stated = scope.whole(group, "maximumExecutionCount", 1)
-    if stated < 1 and stated != -1:
-        raise NotTakenError(group, f"maximumExecutionCount: expected 1 or more, got {stated}")
-    events = [(event, inner) for maneuver, inner in maneuvers for event in maneuver.all("Event")]
-    delayed = any(
-        one.tag == "Condition" and inner.number(one, "delay", 0.0) for event, inner in events for one in event.walk()
-    )
-    if stated != 1 and (len(events) != 1 or delayed):
-        raise NotTakenError(group, "a group that repeats is taken with one event alone, whose trigger has no delay")
-    return _times(stated)
-
-
-def _is_stopped(act: Element) -> bool:
-    stop = act.child("StopTrigger")
-    return stop is not None and bool(stop.children)
 
 
 def _not_before(event: Event, armed: Groups, when: Groups) -> Groups:
@@ -567,11 +374,3 @@ def _not_before(event: Event, armed: Groups, when: Groups) -> Groups:
 def _when(armed: Groups, when: Groups, until: Groups, ends: Sequence[str]) -> dict[str, Any]:
     stated: dict[str, Any] = {"armed": armed, "when": when, "until": until, "ends": list(ends)}
     return {key: value for key, value in stated.items() if value}
-
-
-def _variable_actions(action: Element) -> Iterator[tuple[Element, str]]:
-    """Yield the elements of an action that set a variable or a parameter, and which of both."""
-    for tag, what in (("VariableAction", "variable"), ("ParameterAction", "parameter")):
-        found = action.child("GlobalAction", tag)
-        if found is not None:
-            yield found, what
