@@ -17,6 +17,8 @@ from vve_sumo.values import Vehicle
 from .tracks import Target
 
 MARGIN: Final = 2.0  #: rest of the gap that full braking shall leave [m]
+#: Who crosses obliquely is known to be beyond a place: the car stops before it with 0.5 m [m], and a tenth of its way
+CROSSING_MARGIN, WORSE_BRAKES = 0.5, 0.1
 #: Asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
 FULL: Final = -9.0
 PARTIAL, EARLIER = -4.0, 0.3  #: for one who is foreseen: so hard [m/s2], so long before it must be full [s]
@@ -60,7 +62,12 @@ class Emergency:
     def _is_urgent(self, target: Target, speed: float, early: float) -> bool:
         """Tell whether full braking must begin within `early` [s]."""
         closing = speed - target.speed
-        return closing > 0.0 and self.way(speed, target) + MARGIN + early * closing >= target.gap
+        if not (closing > 0.0 and self.way(speed, target) + MARGIN + early * closing >= target.gap):
+            return False
+        # Of who crosses obliquely the way along the path is none that the car could meet it on.
+        stops = stopping_distance(speed, self._deceleration, self._delay, self._build_up)
+        margin = min(MARGIN, CROSSING_MARGIN + WORSE_BRAKES * stops)
+        return stops + margin + early * speed >= target.keeps_beyond
 
     def way(self, speed: float, target: Target) -> float:
         """Gap to a target that full braking from a speed [m/s] uses up [m] until nothing closes any more.

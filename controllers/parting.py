@@ -1,4 +1,4 @@
-"""Foresees whether what crosses the way has gone past, whole, before the car gets there.
+"""Foresees where what crosses the way will be in it, and whether it has gone past, whole, before the car gets there.
 
 It is taken to go straight on over the ground: where the path bends, that is neither along nor across the path. It must
 not know brakes, nor who is worth braking for.
@@ -20,6 +20,7 @@ MAX_BODY_LENGTH: Final = 18.0  #: of the body that may follow the point that is 
 MIN_CLEARANCE: Final = 2.0  #: that must stay between it and the front bumper [m]
 SIDE_REACH: Final = 5.0  #: what is in the band so far behind the bumper would be met by the car's side [m]
 STEP: Final = 0.1  #: of the forecast [s]
+WAY_STEP: Final = 0.25  #: of the line that it goes on [m]
 BODY = np.linspace(0.0, MAX_BODY_LENGTH, 13)  #: places along it that are looked at [m]
 
 
@@ -52,3 +53,28 @@ def goes_past(
         if min(inside) < bumper + pace * time + MIN_CLEARANCE:
             return False
     return False
+
+
+def nearest_in_way(
+    path: ReferencePath, corridor: Corridor, s: float, across: Trend, along: float, bumper: float
+) -> float:
+    """Return the least s [m] at which any part of it is in the corridor from now on; what is said of `goes_past` holds.
+
+    All of it passes the place where it is seen: how surely it keeps to its line counts from there. Who stops on his way
+    stays beyond it as well. -inf of one on foot.
+    """
+    here = path.at(s)
+    cos, sin = math.cos(here.heading), math.sin(here.heading)
+    vx, vy = along * cos - across.rate * sin, along * sin + across.rate * cos
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed <= ON_FOOT:
+        return -math.inf
+    ways = np.arange(-MAX_BODY_LENGTH, speed * PREDICTION_HORIZON, WAY_STEP)
+    x, y = here.x - across.value * sin + ways * (vx / speed), here.y + across.value * cos + ways * (vy / speed)
+    places_s, places_d = path.locate(x, y, bumper - SIDE_REACH, s + MAX_BODY_LENGTH)
+    nearest = math.inf
+    for way, at_s, at_d in zip(ways.tolist(), places_s.tolist(), places_d.tolist(), strict=True):
+        sigma = LEFT * math.sqrt(across.ahead(abs(way) / speed)[1])
+        if at_s < nearest and corridor.contains(at_s, math.copysign(max(abs(at_d) - sigma, 0.0), at_d)):
+            nearest = at_s
+    return nearest

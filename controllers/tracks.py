@@ -27,7 +27,7 @@ from .crossing import (
     will_have_left,
 )
 from .lane_keeping import KeptPlace
-from .parting import goes_past
+from .parting import goes_past, nearest_in_way
 from .sightings import RATE_SIGMA, Memory, Radar, Sense, Sighting, sightings
 from .trend import Trend
 
@@ -48,6 +48,8 @@ BRAKES: Final = 3.0  #: standard deviations of acceleration that tell braking fr
 HARDER: Final = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
 #: What comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
 ONCOMING: Final = -2.0
+#: Of its speed along the path: who comes and moves across it by more than this share crosses the way, as at a turn
+OBLIQUE: Final = 0.5
 FLANK, ASIDE = 3.0, math.tan(math.radians(40.0))  #: of a car seen so far to the side the point slides by so much [m]
 GATE: Final = 3.5  #: standard deviations within which a detection belongs to a track
 CONFIRMED: Final = 3  #: hits before a track counts
@@ -74,6 +76,8 @@ class Target(NamedTuple):
     braking: float = 0.0  #: deceleration, where it surely brakes [m/s2]
     probability: float = 1.0  #: of being in the way when the car gets there; 1 for what is in the way now
     foreseen: bool = False  #: whether it is not in the way yet
+    #: to where it will be in the way at the nearest, if it goes straight on; -inf where that is not foretold [m]
+    keeps_beyond: float = -math.inf
 
 
 class Track:
@@ -85,7 +89,7 @@ class Track:
     """
 
     __slots__ = (
-        "across", "bank", "d", "d_variance", "foreseen", "hits", "in_way", "lane", "p_s", "p_sv", "p_v",
+        "across", "bank", "d", "d_variance", "foreseen", "hits", "in_way", "keeps_beyond", "lane", "p_s", "p_sv", "p_v",
         "pace", "paced", "part_until", "probability", "s", "seen", "slide", "speed", "time",
     )  # fmt: skip
 
@@ -98,6 +102,7 @@ class Track:
         self.lane = KeptPlace(time, sighting.d, sighting.d_variance)
         self.slide = sighting.slide
         self.foreseen, self.probability = False, 1.0  # as `Target` has them
+        self.keeps_beyond = -math.inf  # as `Target` has it, but an s along the path
         self.p_s, self.p_sv = sighting.range_variance, 0.0
         self.p_v = sighting.rate_variance if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
@@ -310,7 +315,7 @@ def _danger(track: Track, time: float, bumper: float) -> Target:
     braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
     gap = track.s + (track.speed - 0.5 * slower) * since - bumper
-    return Target(gap, speed - slower, braking, track.probability, track.foreseen)
+    return Target(gap, speed - slower, braking, track.probability, track.foreseen, track.keeps_beyond - bumper)
 
 
 def _is_coming(track: Track, corridor: Corridor, age: float) -> bool:
@@ -328,7 +333,7 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
 
     What is foretold of the track counts from when it was measured.
     """
-    was_foreseen, track.foreseen, track.probability = track.foreseen, False, 1.0
+    was_foreseen, track.foreseen, track.probability, track.keeps_beyond = track.foreseen, False, 1.0, -math.inf
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
     moves = crosses(across, COMES_OVER if drives else CROSSES)
@@ -338,8 +343,11 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
     left, right = corridor.half_widths(track.s)
     if moves and _is_inside(track, corridor, across.value, across.variance):
+        then = bumper - speed * age
+        if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed:
+            track.keeps_beyond = nearest_in_way(path, corridor, track.s, across, track.speed, then)
         leaves = will_have_left(across, left, right, arrival)
-        return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper - speed * age, speed))
+        return not (leaves or goes_past(path, corridor, track.s, across, track.speed, then, speed))
     if gap <= 0.0 or (track.time < track.part_until and abs(across.rate) > ON_FOOT):
         return False
     if drives:

@@ -1,6 +1,7 @@
-"""A straight road for matrices of emergency braking: the package's radar, boxes that move as told, a car that brakes.
+"""A road for matrices of emergency braking: the package's radar, boxes that move as told, a car that brakes.
 
-No SUMO and no steering: a second of drive takes milliseconds. The controllers on trial are the shipped ones.
+The car keeps to its path, a straight one unless told otherwise. No SUMO and no steering: a second of drive takes
+milliseconds. The controllers on trial are the shipped ones.
 """
 
 from __future__ import annotations
@@ -122,7 +123,7 @@ class Ride(NamedTuple):
     """What came of a ride."""
 
     impact: float  #: relative speed at contact [m/s]; 0 without one
-    least_gap: float  #: along the road to what was ahead in the car's width; inf where nothing was [m]
+    least_gap: float  #: along the car's axis to what was ahead in its width; inf where nothing was [m]
     hardest: float  #: acceleration [m/s2]
     began: float  #: when the emergency did [s]; NaN never
     speed: float  #: at the end [m/s]
@@ -151,8 +152,9 @@ class Brakes:
 
 
 def ride(controller: Controller, speed: float, bodies: Sequence[Body], seconds: float, *, seed: int = 0,
-         ideal: bool = False, mass_factor: float = 1.0, begins: float = 0.0, stays: bool = False) -> Ride:  # fmt: skip
-    """Drive straight ahead from a speed [m/s] for some seconds, or to contact, or to rest unless it `stays`.
+         ideal: bool = False, mass_factor: float = 1.0, begins: float = 0.0, stays: bool = False,
+         path: ReferencePath = ROAD) -> Ride:  # fmt: skip
+    """Drive along a path from a speed [m/s] for some seconds, or to contact, or to rest unless it `stays`.
 
     `ideal` takes noise and misses from the radar, `begins` shifts its scans against the ticks [s].
     """
@@ -163,13 +165,14 @@ def ride(controller: Controller, speed: float, bodies: Sequence[Body], seconds: 
     for tick in range(round(seconds / PERIOD)):
         time = tick * PERIOD
         places = [body.place(time) for body in bodies]
-        impact, gap = _contact(s, v, bodies, places)
+        at = path.at(s)
+        pose = Pose(time, Point.REAR_AXLE, at.x, at.y, at.heading, v, 0.0, v * at.curvature, brakes.acceleration, 0.0)
+        impact, gap = _contact(pose, bodies, places)
         least_gap = min(least_gap, gap)
         if impact is not None or (v <= 0.0 and not stays):
             return Ride(impact or 0.0, least_gap, hardest, began, v)
-        pose = Pose(time, Point.REAR_AXLE, s, 0.0, 0.0, v, 0.0, 0.0, brakes.acceleration, 0.0)
         newest = _scanned(radar, time + begins, pose, bodies, places, newest)
-        setpoint = controller.step(Observation(tick, time, pose, ROAD, speed, {"radar": newest}, 0.0))
+        setpoint = controller.step(Observation(tick, time, pose, path, speed, {"radar": newest}, 0.0))
         if setpoint.emergency and math.isnan(began):
             began = time
         for acceleration in brakes.step(setpoint):
@@ -189,18 +192,21 @@ def _scanned(radar: Radar, due: float, pose: Pose, bodies: Sequence[Body],
     return newest if scan is None else replace(scan.detections, time=scan.detections.time - (due - pose.time))
 
 
-def _contact(s: float, v: float, bodies: Sequence[Body], places: Sequence[tuple[float, float, float, float]]
+def _contact(pose: Pose, bodies: Sequence[Body], places: Sequence[tuple[float, float, float, float]]
              ) -> tuple[float | None, float]:  # fmt: skip
-    own = Box(s + CAR.rear_axle_to_bumper - 0.5 * CAR.length, 0.0, 0.0, CAR.length, CAR.width)
+    """Return the speed along the car's axis at which it touches a body, None for no contact, and the least gap [m]."""
+    own = Box(CAR.rear_axle_to_bumper - 0.5 * CAR.length, 0.0, 0.0, CAR.length, CAR.width)
+    cos_car, sin_car = math.cos(pose.heading), math.sin(pose.heading)
     least_gap = math.inf
-    for body, (x, y, heading, speed) in zip(bodies, places, strict=True):
-        cos, sin = math.cos(heading), math.sin(heading)
+    for body, (body_x, body_y, heading, speed) in zip(bodies, places, strict=True):
+        away_x, away_y, turned = body_x - pose.x, body_y - pose.y, heading - pose.heading
+        x, y = away_x * cos_car + away_y * sin_car, away_y * cos_car - away_x * sin_car
+        cos, sin = math.cos(turned), math.sin(turned)
         half_x = 0.5 * (body.length * abs(cos) + body.width * abs(sin))
         half_y = 0.5 * (body.length * abs(sin) + body.width * abs(cos))
         if abs(y) > half_y + 0.5 * CAR.width or x + half_x < own.x - 0.5 * CAR.length:
             continue
-        least_gap = min(least_gap, x - half_x - s - CAR.rear_axle_to_bumper)
-        other = Box(x, y, heading, body.length, body.width)
-        if least_gap < 1.0 and overlap(own, other):
-            return abs(v - speed * cos), least_gap
+        least_gap = min(least_gap, x - half_x - CAR.rear_axle_to_bumper)
+        if least_gap < 1.0 and overlap(own, Box(x, y, turned, body.length, body.width)):
+            return abs(pose.speed - speed * cos), least_gap
     return None, least_gap

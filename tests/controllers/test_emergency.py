@@ -85,6 +85,17 @@ def test_it_fires_when_the_way_reaches_the_gap(speed, gap, lead, braking):
     assert emergency.step([], 0.0) is False
 
 
+@given(st.floats(0.5, 25.0), st.floats(0.1, 80.0), st.floats(-15.0, 0.0), st.floats(0.0, 80.0))
+def test_for_who_crosses_obliquely_it_fires_when_its_own_stop_reaches_where_he_will_be_too(speed, gap, other, nearer):
+    """He comes, but will not be nearer than a place: the car has to stop there, whatever the two close by."""
+    emergency, target = Emergency(CAR, 0.02), Target(gap, other, keeps_beyond=gap - nearer)
+    stops = gap_used(CAR, speed, 0.0, 0.0)
+    reaches = stops + min(0.5 + 0.1 * stops, 2.0)
+    assume(abs(reaches - target.keeps_beyond) > 0.2)
+    late = emergency.way(speed, target) + MARGIN >= gap
+    assert emergency.step([target], speed) is (late and reaches >= target.keeps_beyond)
+
+
 def test_nothing_in_the_way_is_no_emergency():
     emergency = Emergency(FUSION, 0.02)
     assert not emergency.step([], 20.0)

@@ -1,4 +1,4 @@
-"""What crosses and has gone past in time: against closed forms, and a long body that turns off before the car."""
+"""What crosses, where it will be in the way and whether it is gone in time: closed forms, long bodies, left turns."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from controllers.crossing import PREDICTION_HORIZON
 from controllers.follow_and_stop import FollowAndStop, make
-from controllers.parting import MAX_BODY_LENGTH, MIN_CLEARANCE, STEP, goes_past
+from controllers.parting import MAX_BODY_LENGTH, MIN_CLEARANCE, STEP, WAY_STEP, goes_past, nearest_in_way
 from controllers.trend import Trend
 from tests.controllers.bench import CAR, ROAD, Body, Ride, ride, steady
 from vve_sumo.path import Corridor, ReferencePath
@@ -47,6 +47,21 @@ def test_square_across_a_straight_road_it_is_geometry(place, rate, gap, pace, to
     side = -1.0 if to_right else 1.0
     past = goes_past(ROAD, BAND, 300.0 + gap, surely(side * place, side * rate), 0.0, 300.0, pace)
     assert past is (gone < min(near, PREDICTION_HORIZON))
+
+
+@given(st.floats(-1.0, 1.0), st.floats(4.0, 20.0), st.floats(0.2, 1.5), st.booleans())
+def test_who_crosses_a_straight_road_obliquely_is_in_the_way_from_where_it_leaves_it(place, rate, tangent, to_right):
+    """All of it goes on one line, which leaves the band (half - place) · tangent nearer than where it is seen."""
+    along = -rate * tangent
+    assume((HALF - place) / rate < PREDICTION_HORIZON - STEP)
+    side = -1.0 if to_right else 1.0
+    found = nearest_in_way(ROAD, BAND, 400.0, surely(side * place, side * rate), along, 300.0)
+    least = 400.0 + along * (HALF - place) / rate
+    assert least - 1e-4 <= found <= least + WAY_STEP
+
+
+def test_nothing_is_foretold_of_where_one_on_foot_keeps_to():
+    assert nearest_in_way(ROAD, BAND, 340.0, surely(0.0, 2.0), -2.0, 300.0) == -math.inf
 
 
 @pytest.mark.parametrize(
@@ -142,3 +157,54 @@ def test_a_car_that_crosses_is_braked_for(pace):
     done = ride(alone(), ego, [other], 7.0)
     assert not math.isnan(done.began)
     assert done.impact < 0.5 * ego
+
+
+def left_turn(radius: float) -> ReferencePath:
+    """A path that goes straight on for 60 m and turns left into a street."""
+    quarter = [math.radians(a) for a in range(0, 91, 3)]
+    x = [2.0 * i for i in range(30)] + [60.0 + radius * math.sin(a) for a in quarter] + [60.0 + radius] * 60
+    y = [0.0] * 30 + [radius - radius * math.cos(a) for a in quarter] + [radius + 1.0 + i for i in range(60)]
+    return ReferencePath.from_points(x, y)
+
+
+def at_a_left_turn(ego: float, speed: float, length: float, before: float, radius: float, brakes: float = 0.0) -> Ride:
+    """The car turns left across a lane, 3.3 m away, in which somebody comes.
+
+    Its front is where the lane's middle crosses the path so long `before` the car's front is [s]; if it brakes, it
+    comes to rest there.
+    """
+    path, lane = left_turn(radius), 3.3
+    crossing = next(s for s in (55.0 + 0.1 * n for n in range(300)) if path.at(s).y >= lane)
+    meets, due = path.at(crossing).x, (crossing - NOSE) / ego - before
+    slows = due - speed / brakes / 2.0 if brakes else math.inf
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        way, pace = speed * (due - time), speed
+        if time > slows:
+            braked = min(time - slows, speed / brakes)
+            way, pace = speed * (due - slows) - speed * braked + 0.5 * brakes * braked**2, speed - brakes * braked
+        return meets + way + 0.5 * length, lane, math.pi, pace
+
+    return ride(alone(), ego, [Body(place, length, 1.9)], (crossing + 12.0) / ego, path=path)
+
+
+@pytest.mark.parametrize("radius", [8.0, 12.0])
+@pytest.mark.parametrize(
+    ("ego", "speed", "length", "before"),
+    [(3.0, 12.0, 4.5, 3.0), (5.0, 7.0, 4.5, 3.0), (5.0, 12.0, 4.5, 2.5), (7.0, 12.0, 4.5, 2.0), (7.0, 12.0, 12.0, 2.5)],
+)
+def test_who_passes_through_a_left_turn_in_time_does_not_brake_it(ego, speed, length, before, radius):
+    done = at_a_left_turn(ego, speed, length, before, radius)
+    assert math.isnan(done.began)
+    assert done.impact == 0.0
+
+
+@pytest.mark.parametrize("radius", [8.0, 12.0])
+@pytest.mark.parametrize("ego", [3.0, 5.0, 7.0])
+@pytest.mark.parametrize("speed", [7.0, 12.0])
+@pytest.mark.parametrize("brakes", [2.0, 4.0])
+def test_who_stops_in_a_left_turn_is_braked_for(ego, speed, brakes, radius):
+    """It seems to go on until it brakes, and stands in the way then."""
+    done = at_a_left_turn(ego, speed, 4.5, 3.0, radius, brakes)
+    assert not math.isnan(done.began)
+    assert done.impact == 0.0

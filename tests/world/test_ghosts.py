@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from shapely import Polygon, box
 
+from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from tests.world.streets import (
     ALONE,
@@ -202,6 +203,39 @@ def test_an_ego_across_a_junction_holds_the_traffic_of_all_arms(tmp_path):
     assert touched == set()
     assert not went
     assert arrived > 0
+
+
+def _waiting_to_turn(folder: str, farther: float) -> tuple[int, set[str]]:
+    """How many go straight on past an ego that waits in a junction to turn left, and whom it touches.
+
+    Its front left corner lies 0.12 m and `farther` [m] inside the edge of the lane that turns left from ahead, which
+    ends beside it; the lane of those who go straight on is 0.7 m away.
+    """
+    root = Path(folder)
+    flow = CAR + (
+        '<flow id="ahead" type="car" begin="0" end="90" period="4" departSpeed="10">'
+        '<route edges="east_to_minor minor_to_signal signal_to_stop stop_to_west"/></flow>'
+    )
+    network = REPOSITORY / "networks" / "side_streets.net.xml"
+    passed: set[str] = set()
+    touched: set[str] = set()
+    with World(network, demand=[demand(root, flow)], seed=1, period=PERIOD, egos=ALONE) as world:
+        for k in range(4500):
+            assert world.step({EGO: pose(k * PERIOD, 413.006, 148.587 + farther, 0.071, 0.0)})[EGO].faults == ()
+            actors = world.actors(EGO)
+            touched |= set(world.contacts(EGO))
+            passed |= {name for name, x in zip(actors.ids, actors.x, strict=True) if x < 400.0}
+    return len(passed), touched
+
+
+def test_who_waits_to_turn_left_does_not_hold_up_who_goes_straight_on(tmp_path):
+    passed, touched = isolated(_waiting_to_turn, str(tmp_path), 0.0)
+    assert passed >= 5
+    assert touched == set()
+
+
+def test_who_waits_farther_over_holds_them_up(tmp_path):
+    assert isolated(_waiting_to_turn, str(tmp_path), 0.5) == (0, set())
 
 
 def _town(folder: str) -> tuple[int, int]:

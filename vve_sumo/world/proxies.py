@@ -25,6 +25,9 @@ EGO_PROXY_TYPE: Final = "ego_ghost"
 #: A lane gets its proxy when the body, smaller by this on every side, cuts it [m], and loses the proxy when the body
 #: does not cut it at all: so centimetres of GNSS noise beside a lane line do not make a proxy come and go.
 CUT_DEPTH: Final = 0.05
+#: The same of a lane inside a junction. Such lanes lie over each other, and traffic keeps to their middle: a car that
+#: waits there to turn left, a corner on the edge of a lane that ends beside it, would hold up those who go straight on.
+JUNCTION_CUT_DEPTH: Final = 0.25
 
 #: Smallest length of a proxy [m]: SUMO needs a length above 0.
 MIN_LENGTH: Final = 0.1
@@ -94,8 +97,12 @@ class ProxyVehicles:
         """
         cuts = cut(body)
         if cuts.keys() - self._by_lane.keys():
-            firm = cut(body.grown(-CUT_DEPTH))
-            cuts = {name: part for name, part in cuts.items() if name in self._by_lane or name in firm}
+            firm, inside = (cut(body.grown(-depth)) for depth in (CUT_DEPTH, JUNCTION_CUT_DEPTH))
+            cuts = {
+                name: part
+                for name, part in cuts.items()
+                if name in self._by_lane or name in (inside if name.startswith(":") else firm)
+            }
         self._keep(cuts)
         for part in cuts.values():
             self._show(part, body.heading, speed)
