@@ -337,15 +337,15 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
     moves = crosses(across, COMES_OVER if drives else CROSSES)
+    then = bumper - speed * age
+    if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed:
+        track.keeps_beyond = nearest_in_way(path, corridor, track.s, across, track.speed, then)
     if not moves and _is_inside(track, corridor, track.d, track.d_variance):
         return True
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
     left, right = corridor.half_widths(track.s)
     if moves and _is_inside(track, corridor, across.value, across.variance):
-        then = bumper - speed * age
-        if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed:
-            track.keeps_beyond = nearest_in_way(path, corridor, track.s, across, track.speed, then)
         leaves = will_have_left(across, left, right, arrival)
         return not (leaves or goes_past(path, corridor, track.s, across, track.speed, then, speed))
     if gap <= 0.0 or (track.time < track.part_until and abs(across.rate) > ON_FOOT):
