@@ -90,7 +90,7 @@ class Track:
 
     __slots__ = (
         "across", "bank", "d", "d_variance", "foreseen", "hits", "in_way", "keeps_beyond", "lane", "p_s", "p_sv", "p_v",
-        "pace", "paced", "part_until", "probability", "s", "seen", "slide", "speed", "time",
+        "pace", "paced", "part_of", "part_until", "probability", "s", "seen", "slide", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -107,7 +107,9 @@ class Track:
         self.p_v = sighting.rate_variance if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
         self.paced = not math.isnan(sighting.speed)  # whether its speed was ever measured
-        self.hits, self.in_way, self.part_until = 1, False, -math.inf
+        self.hits, self.in_way = 1, False
+        self.part_of: Track | None = None  # of which body it may be another place, ...
+        self.part_until = -math.inf  # ... until when [s]
 
     def predict(self, time: float) -> None:
         """Move on to a time [s] at constant speed."""
@@ -275,7 +277,8 @@ class Tracker:
     def _begun(self, time: float, sighting: Sighting) -> Track:
         """Return a new track; one that begins beside a body on its way may be another place of that body."""
         track = Track(time, sighting)
-        if any(other.may_reach_to(sighting) for other in self._tracks):
+        track.part_of = next((other for other in self._tracks if other.may_reach_to(sighting)), None)
+        if track.part_of is not None:
             track.part_until = time + TURNING
         return track
 
@@ -340,6 +343,9 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
     then = bumper - speed * age
     if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed:
         track.keeps_beyond = nearest_in_way(path, corridor, track.s, across, track.speed, then)
+    if track.part_of is not None and track.time < track.part_until and track.part_of.keeps_beyond < track.s:
+        # It has not been seen for long enough to tell how it goes; the body has.
+        track.keeps_beyond = max(track.keeps_beyond, track.part_of.keeps_beyond)
     if not moves and _is_inside(track, corridor, track.d, track.d_variance):
         return True
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
