@@ -17,7 +17,7 @@ from vve_sumo.values import Vehicle
 from .tracks import Target
 
 MARGIN: Final = 2.0  #: rest of the gap that full braking shall leave [m]
-#: Who crosses obliquely is known to be beyond a place: the car stops before it with 0.5 m [m], and a tenth of its way
+#: Before a place that one who crosses keeps beyond: 0.5 m [m] and a tenth of the way to rest, at most MARGIN
 CROSSING_MARGIN, WORSE_BRAKES = 0.5, 0.1
 #: Asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
 FULL: Final = -9.0
@@ -64,7 +64,7 @@ class Emergency:
         closing = speed - target.speed
         if not (closing > 0.0 and self.way(speed, target) + MARGIN + early * closing >= target.gap):
             return False
-        # Of who crosses obliquely the way along the path is none that the car could meet it on.
+        # Who crosses obliquely never comes nearer along the path than this place: the car need only stop before it.
         stops = stopping_distance(speed, self._deceleration, self._delay, self._build_up)
         margin = min(MARGIN, CROSSING_MARGIN + WORSE_BRAKES * stops)
         return stops + margin + early * speed >= target.keeps_beyond

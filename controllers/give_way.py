@@ -15,7 +15,7 @@ from vve_sumo.values import Observation, RightOfWay, Vehicle
 from .approach import NOWHERE, Goal
 from .gap_acceptance import Coming, Run, may_cross, may_join
 from .junction_ways import ALL_WAY_STOP, SIGNAL, STOP, Conflict, Crossing, JunctionWatch
-from .others_on_ways import LENGTH, LidarMount, OthersOnWays
+from .others_on_ways import LENGTH, LidarMount, Other, OthersOnWays
 from .signal_stop import RED, STOP_AND_GO, Line
 from .speed import Profile
 
@@ -31,6 +31,7 @@ CONTINUES: Final = 0.4  #: share of the margin that is enough once it has been d
 LOOKS: Final = 100.0  #: crossings that are farther are not looked at [m]
 SAME_LINE: Final = 3.0  #: a signal's line is this near to the crossing's [m]
 PROTECTED: Final = 6  #: phase of a signal: nobody else may go
+CLEARS: Final = 5.0  #: for so long after it was last known, so that who passed the line need not stop inside [s]
 INSIDE: Final = 10.0  #: who is so near to where the ways meet does not slow down any more [m]
 LANE_HIDDEN: Final = 6.0  #: a body within this of the end of sight on its way is what ends it [m]
 PROFILE_STEP: Final = 2.0  #: [m]
@@ -48,6 +49,7 @@ class GiveWay:
         self._crossing: Crossing | None = None
         self._stood, self._moved = False, math.inf  # at the line; when it moved last [s]
         self._phase: int | None = None
+        self._protected_until = -math.inf  # [s]
         self.goes = False  #: whether it was decided to go on across the next junction
         self.sets_out = False  #: whether that is so at its line: a car that stood there need not wait any more
 
@@ -62,6 +64,7 @@ class GiveWay:
             crossing = None
         if crossing is not self._crossing:
             self._crossing, self._phase, self.goes = crossing, None, False
+            self._protected_until = -math.inf
             self._stood, self._moved = False, observation.time
         self._others.step(observation, [] if crossing is None else crossing.conflicts)
         if crossing is None:
@@ -77,8 +80,10 @@ class GiveWay:
         speed, to_line = observation.pose.speed, crossing.line - bumper
         if signal is not None and abs(signal.s - crossing.line) < SAME_LINE:
             self._phase = signal.phase
+            self._protected_until = observation.time + CLEARS if signal.phase == PROTECTED else -math.inf
+        protected = observation.time < self._protected_until
         stops_for_signal = to_line > 0.0 and self._phase in RED | STOP_AND_GO
-        if crossing.control == SIGNAL and (stops_for_signal or self._phase == PROTECTED):
+        if crossing.control == SIGNAL and (stops_for_signal or protected):
             self.goes = False
             return NOWHERE
         if not (speed < AT_REST and to_line < AT_LINE):
@@ -134,15 +139,7 @@ class GiveWay:
         others = self._others.on(number, now)
         seen_from = self._others.in_sight[number]
         coming = [
-            Coming(
-                conflict.reach - one.front,
-                conflict.leave - one.rear,
-                one.speed if one.known else limit,
-                limit,
-                max(across, one.speed if one.front > conflict.reach - INSIDE else 0.0),
-            )
-            for one in others
-            if not (one.waits and one.front < conflict.reach)
+            _coming(conflict, one, limit, across) for one in others if not (one.waits and one.front < conflict.reach)
         ]
         # Who is in the way hides the lane behind, and nobody comes past it.
         queue = any(seen_from - LANE_HIDDEN < one.front < seen_from + LANE_HIDDEN for one in others)
@@ -151,7 +148,16 @@ class GiveWay:
             coming.append(Coming(conflict.reach - seen_from, math.inf, limit, limit, across))
         if conflict.joins:
             joined = begin + self._vehicle.length
-            coming = [one._replace(past=LENGTH) for one in coming]
             return all(may_join(run, begin, joined, one, margin) for one in coming)
         end = conflict.end - bumper + self._vehicle.length
         return all(may_cross(run, begin, end, one, margin) for one in coming)
+
+
+def _coming(conflict: Conflict, one: Other, limit: float, across: float) -> Coming:
+    """Return one who is seen on the way of a conflict; of unknown speed it is not counted on to pass before the car."""
+    distance = conflict.reach - one.front
+    past = LENGTH if conflict.joins else conflict.leave - one.rear
+    has_passed = distance <= -past if conflict.joins else past <= 0.0
+    speed = one.speed if one.known else limit
+    slowest = max(across, one.speed if distance < INSIDE else 0.0)
+    return Coming(distance, past if one.known or has_passed else math.inf, speed, limit, slowest)

@@ -160,6 +160,8 @@ class OthersOnWays:
     def _seen_from(self, conflict: Conflict, turn: PointCloud, axle: AxleMotion) -> float:
         """Return from where on a way is in sight up to the conflict [m]; the conflict's place for nowhere."""
         s = np.arange(conflict.reach, max(conflict.reach - LOOKED, 0.0), -STEP)
+        if not len(s):  # the way begins within the conflict
+            return conflict.reach
         seen = in_sight(*conflict.way.at(s), turn, axle, self._forward, self._height, self._range)
         # One place that is not seen is too short for a car.
         hidden = np.flatnonzero(~seen[1:] & ~seen[:-1]) if len(seen) > 1 else np.flatnonzero(~seen)

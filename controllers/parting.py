@@ -58,10 +58,11 @@ def goes_past(
 def nearest_in_way(
     path: ReferencePath, corridor: Corridor, s: float, across: Trend, along: float, bumper: float
 ) -> float:
-    """Return the least s [m] at which any part of it is in the corridor from now on; what is said of `goes_past` holds.
+    """Return the least s [m] of the corridor that any part of it touches from now on; inf where it touches none.
 
-    All of it passes the place where it is seen: how surely it keeps to its line counts from there. Who stops on his way
-    stays beyond it as well. -inf of one on foot.
+    The arguments are those of `goes_past`, and it is taken to go straight on as there. All of it passes the place where
+    it is seen: how surely it keeps to its line counts from there. Who stops on his way stays beyond that s as well.
+    Of one on foot nothing is foretold: -inf.
     """
     here = path.at(s)
     cos, sin = math.cos(here.heading), math.sin(here.heading)

@@ -46,9 +46,9 @@ LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES: Final = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER: Final = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
-#: What comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
+#: What comes faster than this along the path is judged by where it is, not by where it will be, ... [m/s]
 ONCOMING: Final = -2.0
-#: Of its speed along the path: who comes and moves across it by more than this share crosses the way, as at a turn
+#: ... unless it moves across by more than this share of its speed along the path: it crosses the way, as at a turn
 OBLIQUE: Final = 0.5
 FLANK, ASIDE = 3.0, math.tan(math.radians(40.0))  #: of a car seen so far to the side the point slides by so much [m]
 GATE: Final = 3.5  #: standard deviations within which a detection belongs to a track
@@ -76,7 +76,8 @@ class Target(NamedTuple):
     braking: float = 0.0  #: deceleration, where it surely brakes [m/s2]
     probability: float = 1.0  #: of being in the way when the car gets there; 1 for what is in the way now
     foreseen: bool = False  #: whether it is not in the way yet
-    #: to where it will be in the way at the nearest, if it goes straight on; -inf where that is not foretold [m]
+    #: gap from the front bumper to the nearest place of the path that its straight course touches [m]; inf for a course
+    #: that touches none, -inf where no course is foretold
     keeps_beyond: float = -math.inf
 
 
@@ -341,7 +342,7 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
     moves = crosses(across, COMES_OVER if drives else CROSSES)
     then = bumper - speed * age
-    if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed:
+    if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed and crosses(across, COMES_OVER):
         track.keeps_beyond = nearest_in_way(path, corridor, track.s, across, track.speed, then)
     if track.part_of is not None and track.time < track.part_until and track.part_of.keeps_beyond < track.s:
         # It has not been seen for long enough to tell how it goes; the body has.

@@ -165,32 +165,78 @@ def test_at_a_signal_it_waits_for_a_gap_unless_the_signal_stops_it_or_nobody_els
     assert (goal is not NOWHERE) is waits
 
 
-def looks(walls: list[Building], time: float = 0.6) -> float:
-    """Return how far along the crossing lane, before the path, it is in sight of a car that stands at the line [m]."""
-    junction = crossing(Control.STOP)
+def test_who_has_a_phase_of_his_own_gives_way_once_that_must_be_over() -> None:
+    """He passes the line in it and is held up inside: who comes the other way has green by then."""
+    drive = Drive(crossing(Control.SIGNAL), 2.0, 2.0)
+    drive.s, drive.signal = LINE - BUMPER - 1.0, Line(LINE, 6, 0.0, 0.0, 0.0, 0.0)
+    waited = []
+    for tick in range(500):
+        if drive.s + BUMPER > LINE + 0.5:
+            drive.signal, drive.speed, drive.acceleration = None, 0.0, 0.0
+        waited.append(drive.step(-40.0 + 0.02 * tick, 1.0) is not NOWHERE)
+    assert not any(waited[:200])
+    assert all(waited[-50:])
+
+
+def seen_at_the_line(junction: Junction, walls: list[Building], time: float) -> tuple[RightOfWaySense, Observation]:
+    """Return what a car that stands at the line has seen after a time [s]: the ways, and the last turn of the lidar."""
     pose = Pose(0.0, Point.REAR_AXLE, LINE - 1.0 - BUMPER, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     sense = RightOfWaySense(RightOfWayConfig(120.0, 10.0), CAR, (junction,))
     sense.step(0.0, pose, Actors.none(0.0))
     lidar = Lidar(dataclasses.replace(LidarConfig(), steps=900).ideal(), np.random.default_rng(1), walls_of(walls))
-    watch, others = JunctionWatch(CAR), OthersOnWays(CAR, LidarMount(1.4, 1.9, 90.0))
     for tick in range(round(time / PERIOD)):
         now = tick * PERIOD
         lidar.step(now, dataclasses.replace(pose, time=now), Actors.none(now))
         lidar.prepare()
     outputs: dict[str, SensorOutput] = {"priorities": sense.output, "roof": lidar.output}
-    seen = Observation(0, time, dataclasses.replace(pose, time=time), PATH, 10.0, outputs, 0.0)
-    found = watch.step(seen, sense.output, pose.x)
+    return sense, Observation(0, time, dataclasses.replace(pose, time=time), PATH, 10.0, outputs, 0.0)
+
+
+def looks(walls: list[Building], time: float = 0.6) -> float:
+    """Return how far along the crossing lane, before the path, it is in sight of a car that stands at the line [m]."""
+    sense, seen = seen_at_the_line(crossing(Control.STOP), walls, time)
+    watch, others = JunctionWatch(CAR), OthersOnWays(CAR, LidarMount(1.4, 1.9, 90.0))
+    found = watch.step(seen, sense.output, seen.pose.x)
     assert found is not None
     (conflict,) = found.conflicts
     others.step(seen, found.conflicts)
     return conflict.reach - others.in_sight[0]
 
 
+def house_at(corner_x: float, corner_y: float) -> Building:
+    return Building(((corner_x, corner_y), (50.0, corner_y), (50.0, -90.0), (corner_x, -90.0)), 8.0)
+
+
+def joined(*, crossed: bool) -> Junction:
+    """Others come on the line x = LANE and go straight on, or turn into the ego's lane beyond."""
+    if crossed:
+        return crossing(Control.YIELD)
+    own, other = crossing(Control.YIELD).ways
+    points = ((LANE, -150.0), (LANE, -9.0), (LANE + 2.0, -4.0), (LANE + 6.0, -1.0), (LANE + 10.0, 0.0), (120.0, 0.0))
+    return Junction("joined", (own, dataclasses.replace(other, points=points)))
+
+
+@pytest.mark.parametrize("crossed", [True, False])
+@pytest.mark.parametrize("corner_x", [60.0, 62.0, 63.5])
+def test_where_a_house_hides_the_approach_of_a_way_that_it_crosses_or_joins_it_waits(
+    crossed: bool, corner_x: float
+) -> None:
+    """Somebody may come from just beyond sight, and he would not be the last."""
+    _, seen = seen_at_the_line(joined(crossed=crossed), [house_at(corner_x, -6.0)], 0.6)
+    law = GiveWay(CAR, PERIOD, 1.0, 1.0, LidarMount(1.4, 1.9, 90.0))
+    assert law.goal(seen, seen.pose.x, None, Drive(joined(crossed=crossed), 0.0)) is not NOWHERE
+    assert not law.goes
+    _, seen = seen_at_the_line(joined(crossed=crossed), [], 0.6)
+    law = GiveWay(CAR, PERIOD, 1.0, 1.0, LidarMount(1.4, 1.9, 90.0))
+    assert law.goal(seen, seen.pose.x, None, Drive(joined(crossed=crossed), 0.0)) is NOWHERE
+    assert law.goes
+
+
 def test_a_house_at_the_corner_hides_the_lane_behind_it() -> None:
     """Its near corner is on the line from the lidar that meets the lane where the sight must end."""
     open_street = looks([])
     corner_x, corner_y = 62.0, -6.0
-    house = Building(((corner_x, corner_y), (50.0, corner_y), (50.0, -90.0), (corner_x, -90.0)), 8.0)
+    house = house_at(corner_x, corner_y)
     lidar_x = LINE - 1.0 - BUMPER + 1.4
     meets = corner_y * (LANE - lidar_x) / (corner_x - lidar_x)
     reach = -(0.5 * CAR.width + 0.95 + 0.3)  # the conflict begins so far before the path's line

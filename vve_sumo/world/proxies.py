@@ -2,8 +2,9 @@
 
 SUMO shows an external car only to the lane to which its front bumper is mapped, and assumes that its body lies along
 that lane. Traffic drives through a car that lies across a lane line, across the road, or with its front off the road.
-So where the body leaves its own line of lanes, each lane that it cuts gets a proxy vehicle that covers the part that is
-cut. Proxies are no actors: sensors do not see them. Must not know poses over time or why the ego is where it is.
+So where the body leaves its own line of lanes, each lane that it cuts, by more than its edge, gets a proxy vehicle that
+covers the part that is cut. Proxies are no actors: sensors do not see them. Must not know poses over time or why the
+ego is where it is.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ EGO_PROXY_TYPE: Final = "ego_ghost"
 CUT_DEPTH: Final = 0.05
 #: The same of a lane inside a junction. Such lanes lie over each other, and traffic keeps to their middle: a car that
 #: waits there to turn left, a corner on the edge of a lane that ends beside it, would hold up those who go straight on.
-JUNCTION_CUT_DEPTH: Final = 0.25
+#: Of a narrow body it is this share of its width.
+JUNCTION_CUT_DEPTH, SHARE_OF_WIDTH = 0.25, 0.15
 
 #: Smallest length of a proxy [m]: SUMO needs a length above 0.
 MIN_LENGTH: Final = 0.1
@@ -97,7 +99,8 @@ class ProxyVehicles:
         """
         cuts = cut(body)
         if cuts.keys() - self._by_lane.keys():
-            firm, inside = (cut(body.grown(-depth)) for depth in (CUT_DEPTH, JUNCTION_CUT_DEPTH))
+            deeper = max(CUT_DEPTH, min(JUNCTION_CUT_DEPTH, SHARE_OF_WIDTH * body.width))
+            firm, inside = (cut(body.grown(-depth)) for depth in (CUT_DEPTH, deeper))
             cuts = {
                 name: part
                 for name, part in cuts.items()
