@@ -208,3 +208,17 @@ def test_who_stops_in_a_left_turn_is_braked_for(ego, speed, brakes, radius):
     done = at_a_left_turn(ego, speed, 4.5, 3.0, radius, brakes)
     assert not math.isnan(done.began)
     assert done.impact == 0.0
+
+
+@pytest.mark.parametrize(("beside", "speed"), [(0.0, 6.0), (0.8, 8.0), (-0.6, 5.0)])
+def test_who_comes_head_on_out_of_cover_is_not_taken_for_one_who_crosses(beside, speed):
+    """At its first scans how it moves across the path is noise. It is uncovered after 1 s, 26 m before the bumper."""
+    meets = NOSE + 8.0 + 26.0 + 2.25
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        return meets + speed * (1.0 - time), beside if time >= 1.0 else 60.0, math.pi, speed
+
+    for seed in range(20):
+        done = ride(alone(), 8.0, [Body(place)], 4.0, seed=seed)
+        assert done.began < 1.7
+        assert done.impact == 0.0
