@@ -116,6 +116,8 @@ class Track:
         """Move on to a time [s] at constant speed."""
         dt = time - self.time
         self.time = time
+        if time >= self.part_until:
+            self.part_of = None
         self.s += self.speed * dt
         self.p_s += dt * (2.0 * self.p_sv + dt * self.p_v) + AGILITY * dt**3 / 3.0
         self.p_sv += dt * self.p_v + AGILITY * dt * dt / 2.0
@@ -344,7 +346,7 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
     then = bumper - speed * age
     if track.speed < ONCOMING and abs(across.rate) > OBLIQUE * -track.speed and crosses(across, COMES_OVER):
         track.keeps_beyond = nearest_in_way(path, corridor, track.s, across, track.speed, then)
-    if track.part_of is not None and track.time < track.part_until and track.part_of.keeps_beyond < track.s:
+    if track.part_of is not None and track.part_of.keeps_beyond < track.s:
         # It has not been seen for long enough to tell how it goes; the body has.
         track.keeps_beyond = max(track.keeps_beyond, track.part_of.keeps_beyond)
     if not moves and _is_inside(track, corridor, track.d, track.d_variance):
