@@ -258,3 +258,15 @@ def test_a_scenario_that_has_the_sense_and_no_lidar_is_refused() -> None:
 def test_the_tuning_key_turns_it_off() -> None:
     assert make(CAR, {"right_of_way": False})._give_way is None
     assert make(CAR, {})._give_way is not None
+
+
+@pytest.mark.parametrize("begins", [-3.0, -2.0, -1.0, 0.0])
+def test_before_a_way_that_begins_where_it_meets_the_path_the_car_waits(begins: float) -> None:
+    """Nothing of it lies before the conflict, so that no sight of it can tell that nobody comes from there."""
+    own, other = crossing(Control.YIELD).ways
+    other = dataclasses.replace(other, points=((LANE, begins), (LANE, 60.0)), line=0.5, exit=12.0)
+    drive = Drive(Junction("driveway", (own, other)), 5.0, 5.0)
+    while drive.time < 40.0:
+        drive.step()
+    assert LINE - 2.0 < drive.s + BUMPER < LANE - 1.75
+    assert drive.speed == pytest.approx(0.0, abs=0.05)
