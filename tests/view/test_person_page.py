@@ -90,6 +90,7 @@ def test_the_stop_button_asks_until_it_is_heard(phone: Any, pages: Served) -> No
 
 def test_the_stop_button_acts_at_the_press_and_does_not_move(phone: Any, pages: Served) -> None:
     button = phone.locator("#stop")
+    button.wait_for()  # until it is shown it has no place
     place = button.bounding_box()
     assert place["y"] + place["height"] <= 800
     pages.pages.show("engaged", [seen(faults=("person_near_lot", "person_lost", "person_unreachable"))])
