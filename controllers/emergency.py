@@ -67,7 +67,7 @@ class Emergency:
         # Who crosses obliquely never comes nearer along the path than this place: the car need only stop before it.
         stops = stopping_distance(speed, self._deceleration, self._delay, self._build_up)
         margin = min(MARGIN, CROSSING_MARGIN + WORSE_BRAKES * stops)
-        return stops + margin + early * speed >= target.keeps_beyond
+        return not stops + margin + early * speed < target.keeps_beyond  # a NaN excuses nobody
 
     def way(self, speed: float, target: Target) -> float:
         """Gap to a target that full braking from a speed [m/s] uses up [m] until nothing closes any more.

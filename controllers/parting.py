@@ -62,13 +62,13 @@ def nearest_in_way(
 
     The arguments are those of `goes_past`, and it is taken to go straight on as there. All of it passes the place where
     it is seen: how surely it keeps to its line counts from there. Who stops on his way stays beyond that s as well.
-    Of one on foot nothing is foretold: -inf.
+    Of one on foot, or of unknown motion (NaN), nothing is foretold: -inf.
     """
     here = path.at(s)
     cos, sin = math.cos(here.heading), math.sin(here.heading)
     vx, vy = along * cos - across.rate * sin, along * sin + across.rate * cos
     speed = math.sqrt(vx * vx + vy * vy)
-    if speed <= ON_FOOT:
+    if not speed > ON_FOOT:
         return -math.inf
     ways = np.arange(-MAX_BODY_LENGTH, speed * PREDICTION_HORIZON, WAY_STEP)
     x, y = here.x - across.value * sin + ways * (vx / speed), here.y + across.value * cos + ways * (vy / speed)

@@ -1,6 +1,6 @@
-"""A road for matrices of emergency braking: the package's radar, boxes that move as told, a car that brakes.
+"""A road for matrices of emergency braking: the package's radar, boxes on prescribed courses, a car that brakes.
 
-The car keeps to its path, a straight one unless told otherwise. No SUMO and no steering: a second of drive takes
+The car keeps to its path, by default a straight one. No SUMO and no steering: a second of drive takes
 milliseconds. The controllers on trial are the shipped ones.
 """
 

@@ -96,6 +96,10 @@ def test_for_who_crosses_obliquely_it_fires_when_its_own_stop_reaches_where_he_w
     assert emergency.step([target], speed) is (late and reaches >= target.keeps_beyond)
 
 
+def test_a_place_that_is_no_number_keeps_nobody_from_being_braked_for():
+    assert Emergency(CAR, 0.02).step([Target(8.0, -6.0, keeps_beyond=math.nan)], 5.0)
+
+
 def test_nothing_in_the_way_is_no_emergency():
     emergency = Emergency(FUSION, 0.02)
     assert not emergency.step([], 20.0)

@@ -60,8 +60,9 @@ def test_who_crosses_a_straight_road_obliquely_is_in_the_way_from_where_it_leave
     assert least - 1e-4 <= found <= least + WAY_STEP
 
 
-def test_nothing_is_foretold_of_where_one_on_foot_keeps_to():
+def test_nothing_is_foretold_of_one_on_foot_or_of_unknown_motion():
     assert nearest_in_way(ROAD, BAND, 340.0, surely(0.0, 2.0), -2.0, 300.0) == -math.inf
+    assert nearest_in_way(ROAD, BAND, 340.0, surely(0.0, math.nan), -8.0, 300.0) == -math.inf
 
 
 @pytest.mark.parametrize(
