@@ -68,6 +68,11 @@ def side_of(body: Body) -> int:
     return RIGHT if float(body.d.min() + body.d.max()) > 0.0 else LEFT
 
 
+def hidden_length(body: Body) -> float:
+    """Return how far a body may reach along the path beyond what is seen of it [m]."""
+    return HIDDEN_SMALL if body.small else max(HIDDEN - float(np.ptp(body.s)), 0.5)
+
+
 def room(nodes: Nodes, times: Sequence[float], bodies: Sequence[Body], sides: Sequence[int], keeps: Margins) -> Room:
     """Return the room at the nodes, which the rear axle reaches after `times` [s], passing bodies on given sides."""
     count = len(nodes.s)
@@ -125,8 +130,7 @@ def _beside(
     """
     ahead = times[:, None] + since
     s, d = body.s[None, :] + body.along * ahead, body.d[None, :] + body.across * ahead
-    seen = float(np.ptp(body.s))
-    hidden = HIDDEN_SMALL if body.small else max(HIDDEN - seen, 0.5)
+    hidden = hidden_length(body)
     slack = keeps.slack if body.along < 0.0 else min(keeps.slack, FOLLOWS)
     far = keeps.lengthwise + slack * abs(body.along)
     at = nodes.s[:, None]

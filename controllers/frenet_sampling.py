@@ -135,14 +135,15 @@ def _kept(task: Task) -> tuple[LateralPlan | None, float]:
 
 
 def _speeds(task: Task) -> Iterator[tuple[Sequence[float], float]]:
-    """Return speeds at the nodes, and what they cost."""
+    """Return speeds at the nodes, none above the expected one, and what they cost."""
     expected = task.speeds
     yield expected, 0.0
     if not expected[-1] >= expected[0] > SLOWEST:
         return
     places = [task.spacing * node for node in range(len(expected))]
     for share in SLOWER:
-        speeds = quartic_speeds(expected[0], share * expected[-1], SLOWING_TIME, places)
+        slower = quartic_speeds(expected[0], share * expected[-1], SLOWING_TIME, places)
+        speeds = [min(pair) for pair in zip(slower, expected, strict=True)]
         yield speeds, SPEED_COST * len(speeds) * (1.0 - share)
 
 

@@ -5,6 +5,7 @@ It knows the limits of a car that is steered, and no bodies.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
@@ -82,6 +83,7 @@ class LateralPlan(NamedTuple):
 
     d: tuple[float, ...]  #: of the rear axle from the path at every node [m], left positive
     speeds: tuple[float, ...]  #: at every node [m/s]
+    out_until: float = -math.inf  #: s up to which it leads out near full lock, as no planner lays a way [m]
 
 
 #: a plan in the making: it yields after each portion of work, and returns the way, None where none is within the limits

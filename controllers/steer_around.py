@@ -45,6 +45,7 @@ from .in_the_way import (
 )
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
+from .pull_out import CRAWL, Start, way_out
 from .speed import SLOWING, SPEEDING_UP
 from .tracks import Target, Tracker
 from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround
@@ -180,6 +181,10 @@ class SteerAround:
         if not asking and self._line is None:
             self._free = 0
             return
+        if self._line is not None and sight.here.s < self._line.out_until and self._is_free(sight, self._keeps(sight)):
+            # No planner's way has such bends.
+            self._keep(sight)
+            return
         plan = None
         if (self._line is None or not was_cut_off) and all(is_slow(body, sight) for body in blocking):
             plan = yield from self._in_comfort(sight, blocking)
@@ -247,17 +252,21 @@ class SteerAround:
 
     def _keep(self, sight: Sight) -> None:
         """Go on along the way that there is, at its speeds."""
+        self._lay(sight, self._going_on(sight), urgent=False)
+
+    def _going_on(self, sight: Sight) -> LateralPlan:
+        """Return the way that there is, from here on, at its speeds or the slower ones that the path allows."""
         assert self._line is not None
         d, planned = self._line.ahead(sight.first)
-        speeds = np.minimum(sight.speeds, planned).tolist()
-        self._lay(sight, LateralPlan(tuple(d), tuple(speeds)), urgent=False)
+        return LateralPlan(tuple(d), tuple(np.minimum(sight.speeds, planned).tolist()), self._line.out_until)
 
     def _is_free(self, sight: Sight, keeps: Margins) -> bool:
         """Tell whether the way that the car has is free, if less generously than a new one has to be."""
-        line = self._line
-        assert line is not None
-        d, planned = line.ahead(sight.first)
-        times = times_at(np.minimum(sight.speeds, planned).tolist(), SPACING)
+        return self._leads_free(sight, self._going_on(sight), keeps)
+
+    def _leads_free(self, sight: Sight, plan: LateralPlan, keeps: Margins) -> bool:
+        """Tell whether a way comes nowhere nearer than KEPT to anybody."""
+        times, d = times_at(plan.speeds, SPACING), plan.d
         return all(min(clearances(sight.nodes, times, d, body, keeps)) >= KEPT for body in sight.bodies)
 
     def _in_comfort(self, sight: Sight, blocking: list[Body]) -> Planning:
@@ -270,12 +279,17 @@ class SteerAround:
         limits = limits if self._is_out(sight) else limits.share(self._planner.setting_out_share)
         caps = [cap for cap in CAPS if cap >= sight.speeds[0] - SLOWS]
         tries = [(cap, sides) for cap in caps for sides in _sides(sight.bodies, blocking)]
+        if sight.observation.pose.speed < STANDS and blocking:
+            tries += [(CRAWL, sides) for sides in _sides(sight.bodies, blocking)[:2]]
         for place in range(self._tried if self._tried < len(tries) else 0, len(tries)):
             yield
             self._tried = place
             cap, sides = tries[place]
-            speeds = self._creeping(sight, blocking, cap)
-            plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
+            if cap == CRAWL:
+                plan = yield from self._pulling_out(sight, blocking, sides, limits)
+            else:
+                speeds = self._creeping(sight, blocking, cap)
+                plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
             if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, blocking, plan)):
                 self._tried = 0
                 self._free += 1
@@ -284,11 +298,35 @@ class SteerAround:
         self._tried = self._free = 0
         return None
 
-    def _creeping(self, sight: Sight, blocking: list[Body], cap: float) -> list[float]:
+    def _pulling_out(self, sight: Sight, blocking: list[Body], sides: Sequence[int], limits: LateralLimits) -> Planning:
+        """Return a way that begins near full lock, at a crawl: out of a place too near for a way in comfort."""
+        pose, here = sight.observation.pose, sight.here
+        side = next(side for body, side in zip(sight.bodies, sides, strict=True) if body is blocking[0])
+        start = Start(here.s, here.d, _turned(pose.heading - here.heading), float(sight.nodes.curvature[:8].mean()))
+        standing = [body for body in sight.bodies if abs(body.along) < STANDS and not body.across]
+        aside = self._left if side == LEFT else self._right
+        out = way_out(
+            self._vehicle, start, blocking, standing, left=side == LEFT, clearance=COMFORT.clearance, aside=aside
+        )
+        if out is None:
+            return None
+        head = tuple(out.d_at(s) for s in sight.nodes.s.tolist() if s < out.ends + 2.0 * SPACING)
+        speeds = self._creeping(sight, blocking, CRAWL, out.ends)
+        keeps = self._keeps(sight)
+        yield
+        plan = yield from self._planner.planning(
+            self._task(sight, sides, keeps, limits, speeds)._replace(head=head, before=())
+        )
+        if plan is None or not self._leads_free(sight, plan, keeps):
+            return None
+        return plan._replace(out_until=out.ends)
+
+    def _creeping(self, sight: Sight, blocking: list[Body], cap: float, until: float = -math.inf) -> list[float]:
         """Return the speeds at the nodes of a car that keeps to a cap until it is beside what blocks its path [m/s]."""
         if cap == math.inf:
             return sight.speeds
         beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
+        beside = max(beside, until)
         speeds = [sight.speeds[0]]
         for s, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
             faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
@@ -402,9 +440,7 @@ class SteerAround:
     def _go_on(self, sight: Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
         assert self._line is not None
-        d = tuple(self._line.d_at(sight.first + node) for node in range(NODES))
-        plan = LateralPlan(d, tuple(sight.speeds))
-        self._lay(sight, plan, urgent=self._line.urgent, braking=self._line.braking)
+        self._lay(sight, self._going_on(sight), urgent=self._line.urgent, braking=self._line.braking)
 
     def _lay(self, sight: Sight, plan: LateralPlan, *, urgent: bool, braking: bool = False) -> None:
         path = sight.observation.path

@@ -42,6 +42,7 @@ class WayAround(NamedTuple):
     commanded: CommandedPath
     urgent: bool
     braking: bool  #: whether it was planned for a car that brakes with all there is
+    out_until: float  #: s up to which it leads out near full lock [m]
 
     @classmethod
     def of_plan(
@@ -65,7 +66,9 @@ class WayAround(NamedTuple):
         if not urgent and any(planned < open_road - 0.1 for planned, open_road in zip(plan.speeds, usual, strict=True)):
             kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
         commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
-        return cls(first, plan.d, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent, braking)
+        return cls(
+            first, plan.d, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent, braking, plan.out_until
+        )
 
     def commanded_from(self, node: int) -> CommandedPath:
         """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
