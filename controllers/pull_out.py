@@ -20,7 +20,7 @@ from .free_space import hidden_length
 from .lateral_plan import CURVATURE_SHARE, TURNING_SHARE
 from .outlines import Body
 
-CRAWL: Final = 1.5  #: speed of the car on it [m/s]
+CRAWLS: Final = (3.0, 2.0, 1.5)  #: speeds of the car on it, tried one after the other [m/s]
 STEP: Final = 0.25  #: between the places of the rear axle that are computed [m]
 LOOKS_EVERY: Final = 2  #: of these the car's body is looked at
 REACH: Final = 25.0  #: way ahead that is looked at [m]
@@ -56,12 +56,13 @@ class WayOut(NamedTuple):
 
 def way_out(
     vehicle: Vehicle, start: Start, past: Iterable[Body], standing: Iterable[Body], *,
-    left: bool, clearance: float, aside: float,
+    left: bool, speed: float, clearance: float, aside: float,
 ) -> WayOut | None:  # fmt: skip
     """Return the way out past bodies on one side that leads least far from the path, None where there is none.
 
     The car's body keeps `clearance` [m] from each of the bodies that are `standing`, or SWINGS less than it has from it
-    at the start. The rear axle goes no farther than `aside` from its path [m].
+    at the start. The rear axle goes no farther than `aside` from its path [m]. The slower the car's `speed` [m/s], the
+    less way it takes to turn the steering wheel.
     """
     reach_left, reach_right = swept_half_widths(start.curvature, vehicle.rear_axle_to_bumper, vehicle.width)
     if left:
@@ -70,8 +71,10 @@ def way_out(
         least = -min(float(body.d.min()) for body in past) + float(reach_left) + clearance
     if least > aside:
         return None
-    turns = _Turns.of(vehicle, start, np.repeat(TURNS, ASIDES), 1.0 if left else -1.0)
+    turns = _Turns.of(vehicle, start, np.repeat(TURNS, ASIDES), 1.0 if left else -1.0, speed)
     turns = turns.leading_to(start, np.tile(np.linspace(least, aside, ASIDES), len(TURNS)))
+    if not len(turns.out):
+        return None
     s, d, heading = turns.places(start)
     clear = np.abs(d[-1]) < aside + 0.01
     looked_at = slice(None, None, LOOKS_EVERY)
@@ -89,7 +92,7 @@ def way_out(
 class _Turns(NamedTuple):
     """Ways of a turn out, a straight piece and a turn back, one each: shape (ways,).
 
-    The steering wheel turns as fast as it may at CRAWL, so that the curvature along a turn is a trapezium or triangle.
+    The steering wheel turns as fast as it may, so that the curvature along a turn is a trapezium or triangle.
     """
 
     side: float  #: 1 to the left, -1 to the right
@@ -101,10 +104,10 @@ class _Turns(NamedTuple):
     back_peak: np.ndarray  #: as peak
 
     @classmethod
-    def of(cls, vehicle: Vehicle, start: Start, out: np.ndarray, side: float) -> _Turns:
+    def of(cls, vehicle: Vehicle, start: Start, out: np.ndarray, side: float, speed: float) -> _Turns:
         """Return ways with turns out of lengths [m], without straight pieces; of those only that lead back."""
         most = max(CURVATURE_SHARE * vehicle.tightest_curvature - abs(start.curvature), 1e-3)
-        change = TURNING_SHARE * vehicle.steering_rate_limit / vehicle.wheelbase / CRAWL
+        change = TURNING_SHARE * vehicle.steering_rate_limit / vehicle.wheelbase / speed
         peak = np.minimum(most, 0.5 * change * out)
         turned = (peak * (out - peak / change) + side * start.heading_error).clip(min=SHALLOW)
         back_peak = np.minimum(most, np.sqrt(turned * change))

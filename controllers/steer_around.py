@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -45,7 +45,7 @@ from .in_the_way import (
 )
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
-from .pull_out import CRAWL, Start, way_out
+from .pull_out import CRAWLS, Start, way_out
 from .speed import SLOWING, SPEEDING_UP
 from .tracks import Target, Tracker
 from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround
@@ -54,6 +54,7 @@ from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAro
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: a way in comfort that is this far from all bodies is kept where no new one is found [m]
 KEPT: Final = 0.7
+HURRIED: Final = COMFORT._replace(slack=0.5)  #: as COMFORT, where the car would else stop in somebody's way
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
@@ -90,6 +91,14 @@ RANGES: dict[str, tuple[float, float]] = {
 
 
 _DECIDED: Final = object()
+
+
+class _Try(NamedTuple):
+    """A way in comfort that is to be looked for."""
+
+    cap: float  #: of the speed until the car is beside what blocks its path [m/s]
+    sides: Sequence[int]  #: on which it passes the bodies
+    pulls_out: bool  #: whether it begins near full lock
 
 
 class SteerAround:
@@ -235,9 +244,25 @@ class SteerAround:
             # Stopped halfway out it would be in the way of who comes.
             self._keep(sight)
             return True
+        if self._hurries_on(sight, COMFORT):
+            return True
         if back is not None:
             self._adopt(sight, back, urgent=False)
-        return back is not None
+            return True
+        return self._hurries_on(sight, HURRIED)
+
+    def _hurries_on(self, sight: Sight, keeps: Margins) -> bool:
+        """Take the way that the car has as fast as its bends allow, if it is free so; tell whether it is."""
+        plan = self._hurried(sight)
+        free = self._leads_free(sight, plan, keeps)
+        if free:
+            self._lay(sight, plan, urgent=False)
+        return free
+
+    def _hurried(self, sight: Sight) -> LateralPlan:
+        """Return the way that the car has as fast as its bends allow."""
+        assert self._line is not None
+        return self._going_on(sight)._replace(speeds=tuple(self._line.fastest(sight.first, sight.speeds)))
 
     def _swerve(self, sight: Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
@@ -278,18 +303,19 @@ class SteerAround:
         keeps = self._keeps(sight)
         limits = limits if self._is_out(sight) else limits.share(self._planner.setting_out_share)
         caps = [cap for cap in CAPS if cap >= sight.speeds[0] - SLOWS]
-        tries = [(cap, sides) for cap in caps for sides in _sides(sight.bodies, blocking)]
+        choices = _sides(sight.bodies, blocking)
+        tries = [_Try(cap, sides, pulls_out=False) for cap in caps for sides in choices]
         if sight.observation.pose.speed < STANDS and blocking:
-            tries += [(CRAWL, sides) for sides in _sides(sight.bodies, blocking)[:2]]
+            tries += [_Try(crawl, sides, pulls_out=True) for crawl in CRAWLS for sides in choices[:2]]
         for place in range(self._tried if self._tried < len(tries) else 0, len(tries)):
             yield
             self._tried = place
-            cap, sides = tries[place]
-            if cap == CRAWL:
-                plan = yield from self._pulling_out(sight, blocking, sides, limits)
+            one = tries[place]
+            if one.pulls_out:
+                plan = yield from self._pulling_out(sight, blocking, one, limits)
             else:
-                speeds = self._creeping(sight, blocking, cap)
-                plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
+                speeds = self._creeping(sight, blocking, one.cap)
+                plan = yield from self._planner.planning(self._task(sight, one.sides, keeps, limits, speeds))
             if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, blocking, plan)):
                 self._tried = 0
                 self._free += 1
@@ -298,25 +324,24 @@ class SteerAround:
         self._tried = self._free = 0
         return None
 
-    def _pulling_out(self, sight: Sight, blocking: list[Body], sides: Sequence[int], limits: LateralLimits) -> Planning:
+    def _pulling_out(self, sight: Sight, blocking: list[Body], one: _Try, limits: LateralLimits) -> Planning:
         """Return a way that begins near full lock, at a crawl: out of a place too near for a way in comfort."""
-        pose, here = sight.observation.pose, sight.here
-        side = next(side for body, side in zip(sight.bodies, sides, strict=True) if body is blocking[0])
+        pose, here, keeps = sight.observation.pose, sight.here, self._keeps(sight)
+        side = next(side for body, side in zip(sight.bodies, one.sides, strict=True) if body is blocking[0])
         start = Start(here.s, here.d, _turned(pose.heading - here.heading), float(sight.nodes.curvature[:8].mean()))
         standing = [body for body in sight.bodies if abs(body.along) < STANDS and not body.across]
-        aside = self._left if side == LEFT else self._right
         out = way_out(
-            self._vehicle, start, blocking, standing, left=side == LEFT, clearance=COMFORT.clearance, aside=aside
-        )
+            self._vehicle, start, blocking, standing,
+            left=side == LEFT, speed=one.cap, clearance=keeps.clearance,
+            aside=self._left if side == LEFT else self._right,
+        )  # fmt: skip
         if out is None:
             return None
-        head = tuple(out.d_at(s) for s in sight.nodes.s.tolist() if s < out.ends + 2.0 * SPACING)
-        speeds = self._creeping(sight, blocking, CRAWL, out.ends)
-        keeps = self._keeps(sight)
         yield
-        plan = yield from self._planner.planning(
-            self._task(sight, sides, keeps, limits, speeds)._replace(head=head, before=())
-        )
+        head = tuple(out.d_at(s) for s in sight.nodes.s.tolist() if s < out.ends + 2.0 * SPACING)
+        speeds = self._creeping(sight, blocking, one.cap, out.ends)
+        task = self._task(sight, one.sides, keeps, limits, speeds)._replace(head=head, before=())
+        plan = yield from self._planner.planning(task)
         if plan is None or not self._leads_free(sight, plan, keeps):
             return None
         return plan._replace(out_until=out.ends)
@@ -327,7 +352,7 @@ class SteerAround:
             return sight.speeds
         beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
         beside = max(beside, until)
-        speeds = [sight.speeds[0]]
+        speeds = [min(sight.speeds[0], max(cap, sight.observation.pose.speed))]
         for s, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
             faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
             slower = math.sqrt(max(speeds[-1] ** 2 - 2.0 * SLOWING * SPACING, 0.0))

@@ -17,7 +17,7 @@ from vve_sumo.values import CommandedPath, Vehicle
 from .free_space import Margins, Nodes, clearances
 from .lateral_plan import LateralPlan, times_at
 from .outlines import Body
-from .speed import Profile, SpeedProfile
+from .speed import SPEEDING_UP, Profile, SpeedProfile
 from .tracks import MARGIN, Target
 
 SPACING: Final = 1.5  #: between nodes [m]
@@ -39,6 +39,7 @@ class WayAround(NamedTuple):
     times: tuple[float, ...]  #: at which the car is at the nodes if it takes the planned speeds [s]
     path: ReferencePath
     profile: Profile
+    bends: SpeedProfile  #: the speeds that its bends allow
     commanded: CommandedPath
     urgent: bool
     braking: bool  #: whether it was planned for a car that brakes with all there is
@@ -66,9 +67,8 @@ class WayAround(NamedTuple):
         if not urgent and any(planned < open_road - 0.1 for planned, open_road in zip(plan.speeds, usual, strict=True)):
             kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
         commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
-        return cls(
-            first, plan.d, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent, braking, plan.out_until
-        )
+        times = tuple(times_at(plan.speeds, SPACING))
+        return cls(first, plan.d, times, way, kept, profile, commanded, urgent, braking, plan.out_until)
 
     def commanded_from(self, node: int) -> CommandedPath:
         """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
@@ -81,6 +81,15 @@ class WayAround(NamedTuple):
         last = len(self.d) - 1
         own = [min(max(first + node - self.first, 0), last) for node in range(NODES)]
         return [self.d[node] for node in own], [self.commanded.speed[node] for node in own]
+
+    def fastest(self, first: int, usual: Sequence[float]) -> list[float]:
+        """Return the greatest speeds [m/s] at nodes from a number on that its bends leave of the usual ones there."""
+        speeds, speed = [], math.inf
+        for node, open_road in enumerate(usual, first - self.first):
+            faster = math.sqrt(speed * speed + 2.0 * SPEEDING_UP * SPACING)
+            speed = min(open_road, self.bends.at(SPACING * node)[0], faster)
+            speeds.append(speed)
+        return speeds
 
     def d_at(self, node: int) -> float:
         """Return d at a node by its number [m]; beyond the end that at the end."""
