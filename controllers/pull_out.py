@@ -27,6 +27,7 @@ REACH: Final = 25.0  #: way ahead that is looked at [m]
 TURNS: Final = np.arange(1.0, 12.1, 0.5)  #: ways of the first turn that are tried [m]
 ASIDES: Final = 3  #: distances from the path to which it may lead, from the least to the greatest
 SWINGS: Final = 0.2  #: so much nearer than at the start the car's rear may swing to who stands beside it [m]
+ROUNDED: Final = 0.05  #: and what STEP makes of distances [m]
 SHALLOW: Final = 0.02  #: a car that is turned by less does not come aside [rad]
 
 
@@ -76,12 +77,12 @@ def way_out(
     if not len(turns.out):
         return None
     s, d, heading = turns.places(start)
-    clear = np.abs(d[-1]) < aside + 0.01
+    clear = np.abs(d[-1]) < aside + ROUNDED
     looked_at = slice(None, None, LOOKS_EVERY)
     for body in standing:
         if float(body.s.min()) < float(s.max()) + vehicle.rear_axle_to_bumper + clearance:
             away = _distances(vehicle, s[looked_at], d[looked_at], heading[looked_at], start.curvature, body)
-            clear &= away.min(axis=0) >= np.minimum(clearance, away[0] - SWINGS)
+            clear &= away.min(axis=0) >= np.minimum(clearance - ROUNDED, away[0] - SWINGS)
     if not clear.any():
         return None
     best = int(np.where(clear, np.abs(d[-1]), math.inf).argmin())

@@ -45,7 +45,7 @@ from .in_the_way import (
 )
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
-from .pull_out import CRAWLS, Start, way_out
+from .pull_out import CRAWLS, REACH, Start, way_out
 from .speed import SLOWING, SPEEDING_UP
 from .tracks import Target, Tracker
 from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround
@@ -54,10 +54,12 @@ from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAro
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: a way in comfort that is this far from all bodies is kept where no new one is found [m]
 KEPT: Final = 0.7
-HURRIED: Final = COMFORT._replace(slack=0.5)  #: as COMFORT, where the car would else stop in somebody's way
+#: where the car would else stop in the way of who comes, it goes on so long before him, and so far from all [s], [m]
+HURRIED, NEAREST = COMFORT._replace(slack=0.5), 0.4
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
+ONE_BEND: Final = 0.02  #: out near full lock a car comes where the road's curvature changes by no more [1/m]
 SLOWS: Final = 1.0  #: and from so much more it slows down to one of them [m/s]
 STANDS: Final = 0.2  #: a car that is no faster has come to rest [m/s]
 AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
@@ -244,25 +246,32 @@ class SteerAround:
             # Stopped halfway out it would be in the way of who comes.
             self._keep(sight)
             return True
-        if self._hurries_on(sight, COMFORT):
+        if self._hurries_on(sight, KEPT) or (yield from self._hurrying(sight, blocking)):
+            return True
+        if self._hurries_on(sight, NEAREST):
             return True
         if back is not None:
             self._adopt(sight, back, urgent=False)
-            return True
-        return self._hurries_on(sight, HURRIED)
+        return back is not None
 
-    def _hurries_on(self, sight: Sight, keeps: Margins) -> bool:
-        """Take the way that the car has as fast as its bends allow, if it is free so; tell whether it is."""
-        plan = self._hurried(sight)
-        free = self._leads_free(sight, plan, keeps)
+    def _hurrying(self, sight: Sight, blocking: list[Body]) -> Generator[None, None, bool]:
+        """Take a way that a planner lays past who comes, if there is one; tell whether."""
+        yield
+        sides = _sides(sight.bodies, blocking)[0]
+        limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
+        plan = yield from self._planner.planning(self._task(sight, sides, HURRIED, limits, sight.speeds))
+        if plan is not None:
+            self._adopt(sight, plan, urgent=False)
+        return plan is not None
+
+    def _hurries_on(self, sight: Sight, away: float) -> bool:
+        """Take the way that the car has as fast as its bends allow, if it keeps so far from all [m]; tell whether."""
+        assert self._line is not None
+        plan = self._going_on(sight)._replace(speeds=tuple(self._line.fastest(sight.first, sight.speeds)))
+        free = self._leads_free(sight, plan, HURRIED, away)
         if free:
             self._lay(sight, plan, urgent=False)
         return free
-
-    def _hurried(self, sight: Sight) -> LateralPlan:
-        """Return the way that the car has as fast as its bends allow."""
-        assert self._line is not None
-        return self._going_on(sight)._replace(speeds=tuple(self._line.fastest(sight.first, sight.speeds)))
 
     def _swerve(self, sight: Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
@@ -289,10 +298,10 @@ class SteerAround:
         """Tell whether the way that the car has is free, if less generously than a new one has to be."""
         return self._leads_free(sight, self._going_on(sight), keeps)
 
-    def _leads_free(self, sight: Sight, plan: LateralPlan, keeps: Margins) -> bool:
-        """Tell whether a way comes nowhere nearer than KEPT to anybody."""
+    def _leads_free(self, sight: Sight, plan: LateralPlan, keeps: Margins, away: float = KEPT) -> bool:
+        """Tell whether a way comes nowhere nearer than a distance to anybody [m]."""
         times, d = times_at(plan.speeds, SPACING), plan.d
-        return all(min(clearances(sight.nodes, times, d, body, keeps)) >= KEPT for body in sight.bodies)
+        return all(min(clearances(sight.nodes, times, d, body, keeps)) >= away for body in sight.bodies)
 
     def _in_comfort(self, sight: Sight, blocking: list[Body]) -> Planning:
         """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns.
@@ -317,18 +326,23 @@ class SteerAround:
                 speeds = self._creeping(sight, blocking, one.cap)
                 plan = yield from self._planner.planning(self._task(sight, one.sides, keeps, limits, speeds))
             if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, blocking, plan)):
-                self._tried = 0
                 self._free += 1
+                taken = self._line is not None or self._free >= LOOKS
+                # Begun with the first one again, the search might never come to this one and be done within a turn.
+                self._tried = 0 if taken else place
                 yield
-                return plan if self._line is not None or self._free >= LOOKS else None
+                return plan if taken else None
         self._tried = self._free = 0
         return None
 
     def _pulling_out(self, sight: Sight, blocking: list[Body], one: _Try, limits: LateralLimits) -> Planning:
         """Return a way that begins near full lock, at a crawl: out of a place too near for a way in comfort."""
         pose, here, keeps = sight.observation.pose, sight.here, self._keeps(sight)
+        bends = sight.nodes.curvature[: math.ceil(REACH / SPACING)]
+        if np.ptp(bends) > ONE_BEND:
+            return None
         side = next(side for body, side in zip(sight.bodies, one.sides, strict=True) if body is blocking[0])
-        start = Start(here.s, here.d, _turned(pose.heading - here.heading), float(sight.nodes.curvature[:8].mean()))
+        start = Start(here.s, here.d, _turned(pose.heading - here.heading), float(bends.mean()))
         standing = [body for body in sight.bodies if abs(body.along) < STANDS and not body.across]
         out = way_out(
             self._vehicle, start, blocking, standing,

@@ -237,6 +237,17 @@ def test_quartic_speeds_over_the_way() -> None:
     np.testing.assert_allclose(quartic_speeds(10.0, 5.0, 4.0, places), [10.0, 7.5, 5.0, 5.0], atol=0.05)
 
 
+@names
+def test_no_planner_is_faster_than_it_is_told(planner: Planner) -> None:
+    """A car that creeps behind a body, and speeds up once it is beside it."""
+    path, speeds = road(0.0), [2.1, *[1.5] * 20, *(min(1.5 + 0.4 * node, 8.0) for node in range(COUNT - 21))]
+    body = outline(translate(box(0.0, -0.9, 4.5, 0.9), 34.0, -0.8), path)
+    asked = task(nodes_of(path), [body], [LEFT], 1.0, COMFORT, (0.0, 0.0, 0.0))._replace(speeds=tuple(speeds))
+    plan = laid(planner, asked)
+    assert plan is not None
+    assert (np.array(plan.speeds) <= np.array(speeds) + 1e-9).all()
+
+
 def test_times_along_the_nodes() -> None:
     assert times_at([2.0, 4.0, 4.0], 3.0) == pytest.approx([0.0, 1.0, 1.75])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from controllers.outlines import Body
 from controllers.way_around import NODES, WayAround
 from tests.controllers.avoid_bench import CAR
 from tests.controllers.bench import ROAD
+from vve_sumo.path import ReferencePath
 
 PLACE, ASIDE = 40.0, 1.5  #: of the rear axle along the road [m]; the way runs so far to the left of it [m]
 BUMPER = PLACE + CAR.rear_axle_to_bumper
@@ -62,3 +65,15 @@ def test_whom_the_bumper_has_passed_is_no_reason_to_brake(urgent: bool) -> None:
 
 def test_who_would_be_touched_is_braked_for_though_the_bumper_has_passed_him() -> None:
     assert braked_for(BUMPER - 2.5, -0.1, urgent=False) == (True, True)
+
+
+def test_the_fastest_that_a_way_can_be_taken() -> None:
+    """Straight on as fast as the road allows; on a circle with the lateral acceleration and a tenth more."""
+    usual = [min(2.0 + 0.2 * node, 7.0) for node in range(NODES)]
+    straight = WayAround.of_plan(ROAD, 0, LateralPlan((0.0,) * NODES, (1.0,) * NODES), usual, 2.0, urgent=False)
+    assert straight.fastest(2, usual) == pytest.approx(usual)
+    angle = np.arange(0.0, 150.0) / 20.0
+    circle = ReferencePath.from_points((20.0 * np.sin(angle)).tolist(), (20.0 * (1.0 - np.cos(angle))).tolist())
+    bent = WayAround.of_plan(circle, 0, LateralPlan((0.0,) * NODES, (1.0,) * NODES), usual, 2.0, urgent=False)
+    speeds = bent.fastest(20, [9.0] * NODES)[:30]
+    assert speeds == pytest.approx([math.sqrt(2.2 * 20.0)] * 30, rel=0.02)
