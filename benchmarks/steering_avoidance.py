@@ -7,7 +7,7 @@ moment the setpoints end, or the controller raises. `library`: the pedestrians a
 with what physics allows beside it. `picture`: that of docs/steering_avoidance.md.
 
 Usage: python -m benchmarks.steering_avoidance passes|faults|library|late|picture [--runs N] [--first SEED]
-[--planner NAME] [--smoke]
+[--planner NAME] [--gap M] [--smoke]
 """
 
 from __future__ import annotations
@@ -219,12 +219,12 @@ def oncoming(draw: np.random.Generator) -> list[dict[str, Any]]:
     return actors
 
 
-def passes(seeds: range, planner: str) -> list[Case]:
-    """Return drives past the parked car with cars that come the other way."""
-    cases = []
+def passes(seeds: range, planner: str, gap: float | None = None) -> list[Case]:
+    """Return drives past the parked car with cars that come the other way; `gap` as the tuning's `gap_m`, if any [m]."""
+    cases, tuning = [], {} if gap is None else {"gap_m": gap}
     for seed in seeds:
         draw = np.random.default_rng(seed)
-        changes = controlled(planner, "both", right_m=0.0) | {
+        changes = controlled(planner, "both", right_m=0.0, **tuning) | {
             "ego.speed_mps": float(draw.uniform(5.0, 11.176)),
             **ROLLS,
             "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.2)),
@@ -344,9 +344,9 @@ def spread(values: Iterable[float]) -> str:
     return f"{found[0]:.2f}, {found[len(found) // 2]:.2f}, {found[-1]:.2f}" if found else "none"
 
 
-def print_passes(planner: str, seeds: range) -> None:
+def print_passes(planner: str, seeds: range, gap: float | None) -> None:
     """Print what came of the drives past the parked car."""
-    cases = passes(seeds, planner)
+    cases = passes(seeds, planner, gap)
     done = list(driven(cases))
     passed = [one for one in done if one.s > 660.0]
     rows = {
@@ -474,6 +474,9 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200, help="drives of passes and of faults")
     parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first of these (default: 1)")
     parser.add_argument("--planner", choices=PLANNERS, default=PLANNERS[0])
+    parser.add_argument(
+        "--gap", type=float, metavar="M", help="of passes: how near it comes to what it waits behind [m]"
+    )
     parser.add_argument("--smoke", action="store_true", help="a few drives, only to see that all of it runs")
     given = parser.parse_args()
     if given.smoke:
@@ -481,7 +484,7 @@ def main() -> None:
         return
     seeds = range(given.first, given.first + given.runs)
     parts = {
-        "passes": partial(print_passes, given.planner, seeds),
+        "passes": partial(print_passes, given.planner, seeds, given.gap),
         "faults": partial(print_faults, given.planner, seeds),
         "library": partial(print_library, given.planner, False),
         "late": partial(print_late, given.planner, False),

@@ -68,6 +68,17 @@ def side_of(body: Body) -> int:
     return RIGHT if float(body.d.min() + body.d.max()) > 0.0 else LEFT
 
 
+def sides_to_pass(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:
+    """Return the choices of sides to pass on: all that block on the left, on the right, each on its freer side."""
+    choices = []
+    for choose in (LEFT, RIGHT, 0):
+        if (choose == 0 and len(blocking) < 2) or (choose == RIGHT and not blocking):
+            continue
+        chosen = {id(body): choose or side_of(body) for body in blocking}
+        choices.append([chosen.get(id(body), side_of(body)) for body in bodies])
+    return choices
+
+
 def hidden_length(body: Body) -> float:
     """Return how far a body may reach along the path beyond what is seen of it [m]."""
     return HIDDEN_SMALL if body.small else max(HIDDEN - float(np.ptp(body.s)), 0.5)

@@ -18,6 +18,7 @@ from .follow_and_stop import COMFORT_LIMIT, PERIOD
 from .free_space import SPREAD_LIMIT, Margins, Nodes, clearances
 from .lateral_plan import LateralPlan, times_at
 from .outlines import Body
+from .speed import SLOWING, SPEEDING_UP
 from .way_around import (
     CONTACT,
     CROSSES,
@@ -54,6 +55,11 @@ class Sight(NamedTuple):
     nodes: Nodes
     speeds: list[float]  #: that the car would have at the nodes if nothing were in its way [m/s]
     first: int  #: number of the first node
+
+    @property
+    def heading_error(self) -> float:
+        """The car's heading less that of the path [rad]."""
+        return math.remainder(self.observation.pose.heading - self.here.heading, math.tau)
 
     @property
     def bumper(self) -> float:
@@ -100,6 +106,12 @@ def comes_at_once(sight: Sight, plan: LateralPlan, body: Body) -> bool:
         return False
     node = first_met(sight.nodes, times_at(plan.speeds, SPACING), plan.d, body)
     return node is not None and node < HEAD
+
+
+def leads_free(sight: Sight, plan: LateralPlan, keeps: Margins, away: float) -> bool:
+    """Tell whether a way comes nowhere nearer than `away` to anybody [m], by the times that `keeps` leaves."""
+    times = times_at(plan.speeds, SPACING)
+    return all(min(clearances(sight.nodes, times, plan.d, body, keeps)) >= away for body in sight.bodies)
 
 
 def may_come_over(body: Body) -> bool:
@@ -179,3 +191,17 @@ def braked_speeds(sight: Sight) -> list[float]:
     late = speed * (car.brake_delay + PERIOD)
     squares = (speed * speed - 2.0 * car.deceleration_limit * max(SPACING * node - late, 0.0) for node in range(NODES))
     return [math.sqrt(max(square, 0.25)) for square in squares]
+
+
+def creeping_speeds(sight: Sight, blocking: list[Body], cap: float, until: float = -math.inf) -> list[float]:
+    """Return the speeds at the nodes of a car that keeps to a cap until it is beside what blocks its path [m/s]."""
+    if cap == math.inf:
+        return sight.speeds
+    beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - sight.vehicle.rear_axle_to_bumper
+    beside = max(beside, until)
+    speeds = [min(sight.speeds[0], max(cap, sight.observation.pose.speed))]
+    for s, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
+        faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
+        slower = math.sqrt(max(speeds[-1] ** 2 - 2.0 * SLOWING * SPACING, 0.0))
+        speeds.append(min(faster, open_road, max(cap, slower) if s < beside else math.inf))
+    return speeds

@@ -21,7 +21,7 @@ from vve_sumo.values import Observation, Vehicle
 
 from . import follow_and_stop
 from .follow_and_stop import FollowAndStop, Way, steering_law
-from .free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room, side_of
+from .free_space import LEFT, Margins, Nodes, Room, room, sides_to_pass
 from .in_the_way import (
     COMFORT,
     HEAD,
@@ -36,17 +36,19 @@ from .in_the_way import (
     comes_nearer,
     comes_too_late,
     covers,
+    creeping_speeds,
     in_path,
     is_gone,
     is_met,
     is_slow,
+    leads_free,
     may_come_over,
     slowing_distance,
 )
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
 from .pull_out import CRAWLS, REACH, Start, way_out
-from .speed import SLOWING, SPEEDING_UP
+from .speed import SPEEDING_UP
 from .tracks import Target, Tracker
 from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround
 
@@ -246,29 +248,36 @@ class SteerAround:
             # Stopped halfway out it would be in the way of who comes.
             self._keep(sight)
             return True
-        if self._hurries_on(sight, KEPT) or (yield from self._hurrying(sight, blocking)):
-            return True
-        if self._hurries_on(sight, NEAREST):
+        if (yield from self._hurrying(sight, blocking)):
             return True
         if back is not None:
             self._adopt(sight, back, urgent=False)
         return back is not None
 
     def _hurrying(self, sight: Sight, blocking: list[Body]) -> Generator[None, None, bool]:
-        """Take a way that a planner lays past who comes, if there is one; tell whether."""
+        """Go on before who comes, in whose way the car would else come to rest, if it can; tell whether.
+
+        That takes a car that moves: one at rest would be too late.
+        """
+        moves = sight.observation.pose.speed > STANDS
+        if not (moves and any(map(comes_nearer, sight.bodies)) and all(is_slow(body, sight) for body in blocking)):
+            return False
+        if self._hurries_on(sight, KEPT):
+            return True
         yield
-        sides = _sides(sight.bodies, blocking)[0]
         limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
+        sides = sides_to_pass(sight.bodies, blocking)[0]
         plan = yield from self._planner.planning(self._task(sight, sides, HURRIED, limits, sight.speeds))
-        if plan is not None:
-            self._adopt(sight, plan, urgent=False)
-        return plan is not None
+        if plan is None:
+            return self._hurries_on(sight, NEAREST)
+        self._adopt(sight, plan, urgent=False)
+        return True
 
     def _hurries_on(self, sight: Sight, away: float) -> bool:
         """Take the way that the car has as fast as its bends allow, if it keeps so far from all [m]; tell whether."""
         assert self._line is not None
         plan = self._going_on(sight)._replace(speeds=tuple(self._line.fastest(sight.first, sight.speeds)))
-        free = self._leads_free(sight, plan, HURRIED, away)
+        free = leads_free(sight, plan, HURRIED, away)
         if free:
             self._lay(sight, plan, urgent=False)
         return free
@@ -296,12 +305,7 @@ class SteerAround:
 
     def _is_free(self, sight: Sight, keeps: Margins) -> bool:
         """Tell whether the way that the car has is free, if less generously than a new one has to be."""
-        return self._leads_free(sight, self._going_on(sight), keeps)
-
-    def _leads_free(self, sight: Sight, plan: LateralPlan, keeps: Margins, away: float = KEPT) -> bool:
-        """Tell whether a way comes nowhere nearer than a distance to anybody [m]."""
-        times, d = times_at(plan.speeds, SPACING), plan.d
-        return all(min(clearances(sight.nodes, times, d, body, keeps)) >= away for body in sight.bodies)
+        return leads_free(sight, self._going_on(sight), keeps, KEPT)
 
     def _in_comfort(self, sight: Sight, blocking: list[Body]) -> Planning:
         """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns.
@@ -312,7 +316,7 @@ class SteerAround:
         keeps = self._keeps(sight)
         limits = limits if self._is_out(sight) else limits.share(self._planner.setting_out_share)
         caps = [cap for cap in CAPS if cap >= sight.speeds[0] - SLOWS]
-        choices = _sides(sight.bodies, blocking)
+        choices = sides_to_pass(sight.bodies, blocking)
         tries = [_Try(cap, sides, pulls_out=False) for cap in caps for sides in choices]
         if sight.observation.pose.speed < STANDS and blocking:
             tries += [_Try(crawl, sides, pulls_out=True) for crawl in CRAWLS for sides in choices[:2]]
@@ -323,7 +327,7 @@ class SteerAround:
             if one.pulls_out:
                 plan = yield from self._pulling_out(sight, blocking, one, limits)
             else:
-                speeds = self._creeping(sight, blocking, one.cap)
+                speeds = creeping_speeds(sight, blocking, one.cap)
                 plan = yield from self._planner.planning(self._task(sight, one.sides, keeps, limits, speeds))
             if plan is not None and (self._is_out(sight) or not blocking or self._may_set_out(sight, blocking, plan)):
                 self._free += 1
@@ -337,12 +341,12 @@ class SteerAround:
 
     def _pulling_out(self, sight: Sight, blocking: list[Body], one: _Try, limits: LateralLimits) -> Planning:
         """Return a way that begins near full lock, at a crawl: out of a place too near for a way in comfort."""
-        pose, here, keeps = sight.observation.pose, sight.here, self._keeps(sight)
+        here, keeps = sight.here, self._keeps(sight)
         bends = sight.nodes.curvature[: math.ceil(REACH / SPACING)]
         if np.ptp(bends) > ONE_BEND:
             return None
         side = next(side for body, side in zip(sight.bodies, one.sides, strict=True) if body is blocking[0])
-        start = Start(here.s, here.d, _turned(pose.heading - here.heading), float(bends.mean()))
+        start = Start(here.s, here.d, sight.heading_error, float(bends.mean()))
         standing = [body for body in sight.bodies if abs(body.along) < STANDS and not body.across]
         out = way_out(
             self._vehicle, start, blocking, standing,
@@ -353,25 +357,12 @@ class SteerAround:
             return None
         yield
         head = tuple(out.d_at(s) for s in sight.nodes.s.tolist() if s < out.ends + 2.0 * SPACING)
-        speeds = self._creeping(sight, blocking, one.cap, out.ends)
+        speeds = creeping_speeds(sight, blocking, one.cap, out.ends)
         task = self._task(sight, one.sides, keeps, limits, speeds)._replace(head=head, before=())
         plan = yield from self._planner.planning(task)
-        if plan is None or not self._leads_free(sight, plan, keeps):
+        if plan is None or not leads_free(sight, plan, keeps, KEPT):
             return None
         return plan._replace(out_until=out.ends)
-
-    def _creeping(self, sight: Sight, blocking: list[Body], cap: float, until: float = -math.inf) -> list[float]:
-        """Return the speeds at the nodes of a car that keeps to a cap until it is beside what blocks its path [m/s]."""
-        if cap == math.inf:
-            return sight.speeds
-        beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
-        beside = max(beside, until)
-        speeds = [min(sight.speeds[0], max(cap, sight.observation.pose.speed))]
-        for s, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
-            faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
-            slower = math.sqrt(max(speeds[-1] ** 2 - 2.0 * SLOWING * SPACING, 0.0))
-            speeds.append(min(faster, open_road, max(cap, slower) if s < beside else math.inf))
-        return speeds
 
     def _urgently(self, sight: Sight, blocking: list[Body]) -> Planning:
         """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car go."""
@@ -384,7 +375,7 @@ class SteerAround:
             # A car at rest cannot get out of anybody's way.
             paces.append([max(sight.observation.pose.speed, 0.5)] * NODES)
         for keeps, speeds in product(URGENT, paces):
-            for sides in _sides(sight.bodies, blocking):
+            for sides in sides_to_pass(sight.bodies, blocking):
                 yield
                 plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
                 if plan is not None and not any(comes_at_once(sight, plan, body) for body in blocking):
@@ -410,7 +401,7 @@ class SteerAround:
         line, here = self._line, sight.here
         if line is not None and abs(self._off(sight)) < ASTRAY:
             return tuple(line.d_at(sight.first + node) for node in range(HEAD))
-        slope = math.tan(_turned(sight.observation.pose.heading - here.heading))
+        slope = math.tan(sight.heading_error)
         slope = min(max(slope, -0.3), 0.3)
         places = (SPACING * (sight.first + node) - here.s for node in range(HEAD))
         return tuple(here.d + slope * place for place in places)
@@ -487,21 +478,6 @@ class SteerAround:
             path, sight.first, plan, sight.speeds, self._lateral, urgent=urgent, braking=braking
         )
         self._along = None
-
-
-def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:
-    """Return the choices of sides to pass on: all that block on the left, on the right, each on its freer side."""
-    choices = []
-    for choose in (LEFT, RIGHT, 0):
-        if (choose == 0 and len(blocking) < 2) or (choose == RIGHT and not blocking):
-            continue
-        chosen = {id(body): choose or side_of(body) for body in blocking}
-        choices.append([chosen.get(id(body), side_of(body)) for body in bodies])
-    return choices
-
-
-def _turned(angle: float) -> float:
-    return math.remainder(angle, math.tau)
 
 
 def controller(vehicle: Vehicle, tuning: Tuning, planner: Planner, defaults: Tuning) -> FollowAndStop:
