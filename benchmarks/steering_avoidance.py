@@ -220,7 +220,7 @@ def oncoming(draw: np.random.Generator) -> list[dict[str, Any]]:
 
 
 def passes(seeds: range, planner: str, gap: float | None = None) -> list[Case]:
-    """Return drives past the parked car with cars that come the other way; `gap` as the tuning's `gap_m`, if any [m]."""
+    """Return drives past the parked car with cars that come the other way; `gap` [m] as the tuning's `gap_m`."""
     cases, tuning = [], {} if gap is None else {"gap_m": gap}
     for seed in seeds:
         draw = np.random.default_rng(seed)
