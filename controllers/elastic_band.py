@@ -119,6 +119,7 @@ class ElasticBand:
     """Lets the band come to rest: the forces of bodies and limits act only where the band is beyond them."""
 
     setting_out_share = 0.8
+    pulls_out = True
 
     def planning(self, task: Task) -> Planning:
         """Let the band come to rest, and return it, None where it is not within the limits."""

@@ -94,6 +94,8 @@ class FrenetSampling:
 
     #: Its ways are far within the limits but for a few places, and a kept one is not laid anew.
     setting_out_share = 1.0
+    #: From close behind it takes so long that in the end who came met the car, in 9 of 32 drives.
+    pulls_out = False
 
     def planning(self, task: Task) -> Planning:
         """Draw ways at one speed after the other, and return the cheapest, None where none is within the limits."""

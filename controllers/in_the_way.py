@@ -110,8 +110,12 @@ def comes_at_once(sight: Sight, plan: LateralPlan, body: Body) -> bool:
 
 def leads_free(sight: Sight, plan: LateralPlan, keeps: Margins, away: float) -> bool:
     """Tell whether a way comes nowhere nearer than `away` to anybody [m], by the times that `keeps` leaves."""
-    times = times_at(plan.speeds, SPACING)
-    return all(min(clearances(sight.nodes, times, plan.d, body, keeps)) >= away for body in sight.bodies)
+    return all(keeps_away(sight, plan, body, keeps, away) for body in sight.bodies)
+
+
+def keeps_away(sight: Sight, plan: LateralPlan, body: Body, keeps: Margins, away: float) -> bool:
+    """Tell whether a way comes nowhere nearer than `away` to a body [m], by the times that `keeps` leaves."""
+    return min(clearances(sight.nodes, times_at(plan.speeds, SPACING), plan.d, body, keeps)) >= away
 
 
 def may_come_over(body: Body) -> bool:

@@ -95,6 +95,8 @@ class Planner(Protocol):
 
     setting_out_share: float
     """Of the limits, before the car has left its path. The rest is for what is seen better from nearer."""
+    pulls_out: bool
+    """Whether a car that begins near full lock is back on its path soon by the rest of the way, which it lays."""
 
     def planning(self, task: Task) -> Planning:
         """Lay the way, in portions of about a millisecond.

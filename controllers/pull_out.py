@@ -27,6 +27,7 @@ REACH: Final = 25.0  #: way ahead that is looked at [m]
 TURNS: Final = np.arange(1.0, 12.1, 0.5)  #: ways of the first turn that are tried [m]
 ASIDES: Final = 3  #: distances from the path to which it may lead, from the least to the greatest
 SWINGS: Final = 0.2  #: so much nearer than at the start the car's rear may swing to who stands beside it [m]
+CLOSEST: Final = 0.3  #: and never nearer to anybody than this [m]
 ROUNDED: Final = 0.05  #: and what STEP makes of distances [m]
 SHALLOW: Final = 0.02  #: a car that is turned by less does not come aside [rad]
 
@@ -80,9 +81,9 @@ def way_out(
     clear = np.abs(d[-1]) < aside + ROUNDED
     looked_at = slice(None, None, LOOKS_EVERY)
     for body in standing:
-        if float(body.s.min()) < float(s.max()) + vehicle.rear_axle_to_bumper + clearance:
+        if _may_be_near(vehicle, start, s, d, body, clearance):
             away = _distances(vehicle, s[looked_at], d[looked_at], heading[looked_at], start.curvature, body)
-            clear &= away.min(axis=0) >= np.minimum(clearance - ROUNDED, away[0] - SWINGS)
+            clear &= away.min(axis=0) >= np.minimum(clearance - ROUNDED, np.maximum(away[0] - SWINGS, CLOSEST))
     if not clear.any():
         return None
     best = int(np.where(clear, np.abs(d[-1]), math.inf).argmin())
@@ -125,8 +126,8 @@ class _Turns(NamedTuple):
         _s, d, heading = self.places(start)
         missing = aside - self.side * d[-1]
         steepest = np.sin((self.side * heading).max(axis=0)).clip(min=SHALLOW)
-        kept = (missing >= 0.0) & (missing < REACH * steepest)
         chosen = self._replace(straight=missing / steepest)
+        kept = (missing >= 0.0) & (chosen.length <= REACH)
         return _Turns(self.side, self.change, *(column[kept] for column in chosen[2:]))
 
     def places(self, start: Start) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,6 +143,14 @@ class _Turns(NamedTuple):
     def _turn(self, along: np.ndarray, length: np.ndarray, peak: np.ndarray) -> np.ndarray:
         curvature: np.ndarray = np.minimum(np.minimum(along, length - along) * self.change, peak).clip(min=0.0)
         return curvature
+
+
+def _may_be_near(vehicle: Vehicle, start: Start, s: np.ndarray, d: np.ndarray, body: Body, clearance: float) -> bool:
+    """Tell whether a body may come within the clearance: it is neither behind the car nor beyond its reach."""
+    reach = math.hypot(vehicle.rear_axle_to_bumper, 0.5 * vehicle.width) + clearance
+    ahead = float(body.s.max()) + hidden_length(body) > start.s - vehicle.rear_overhang - clearance
+    along = ahead and float(body.s.min()) < float(s.max()) + reach
+    return along and float(body.d.min()) < float(d.max()) + reach and float(body.d.max()) > float(d.min()) - reach
 
 
 def _summed(values: np.ndarray) -> np.ndarray:

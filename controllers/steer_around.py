@@ -41,6 +41,7 @@ from .in_the_way import (
     is_gone,
     is_met,
     is_slow,
+    keeps_away,
     leads_free,
     may_come_over,
     slowing_distance,
@@ -50,19 +51,19 @@ from .outlines import Body, Outlines
 from .pull_out import CRAWLS, REACH, Start, way_out
 from .speed import SPEEDING_UP
 from .tracks import Target, Tracker
-from .way_around import NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround
+from .way_around import NEAR, NODES, SPACING, URGENT_ACCELERATION, URGENT_JERK, WayAround, speeding_up
 
 #: as COMFORT, before the car has left its path: it must then be back so much earlier before who comes the other way
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: a way in comfort that is this far from all bodies is kept where no new one is found [m]
 KEPT: Final = 0.7
-#: where the car would else stop in the way of who comes, it goes on so long before him, and so far from all [s], [m]
-HURRIED, NEAREST = COMFORT._replace(slack=0.5), 0.4
+#: where the car would else stop in the way of who comes, it goes on so long before him, and so far from him [s], [m]
+HURRIED, NEAREST = COMFORT._replace(slack=0.5), NEAR
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
-ONE_BEND: Final = 0.02  #: out near full lock a car comes where the road's curvature changes by no more [1/m]
 SLOWS: Final = 1.0  #: and from so much more it slows down to one of them [m/s]
+ONE_BEND: Final = 0.02  #: out near full lock a car comes where the road's curvature changes by no more [1/m]
 STANDS: Final = 0.2  #: a car that is no faster has come to rest [m/s]
 AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
 ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew where the car is [m]
@@ -192,7 +193,7 @@ class SteerAround:
         blocking = [body for body in asking if not comes_nearer(body)]
         self._hurries = comes_too_late(sight, asking, self._line, self._brakes)
         if not asking and self._line is None:
-            self._free = 0
+            self._free = self._tried = 0
             return
         if self._line is not None and sight.here.s < self._line.out_until and self._is_free(sight, self._keeps(sight)):
             # No planner's way has such bends.
@@ -259,25 +260,37 @@ class SteerAround:
 
         That takes a car that moves: one at rest would be too late.
         """
+        assert self._line is not None
+        present = self._going_on(sight)
+        hindered = [body for body in sight.bodies if not keeps_away(sight, present, body, COMFORT, KEPT)]
         moves = sight.observation.pose.speed > STANDS
-        if not (moves and any(map(comes_nearer, sight.bodies)) and all(is_slow(body, sight) for body in blocking)):
+        if not (moves and any(map(comes_nearer, hindered)) and all(is_slow(body, sight) for body in blocking)):
             return False
-        if self._hurries_on(sight, KEPT):
+        if self._hurries_on(sight, KEPT) or self._hurries_on(sight, NEAREST):
             return True
         yield
         limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
-        sides = sides_to_pass(sight.bodies, blocking)[0]
+        choices = sides_to_pass(sight.bodies, blocking)
+        sides = choices[0 if max(present.d) > -min(present.d) or len(choices) < 2 else 1]
         plan = yield from self._planner.planning(self._task(sight, sides, HURRIED, limits, sight.speeds))
-        if plan is None:
-            return self._hurries_on(sight, NEAREST)
-        self._adopt(sight, plan, urgent=False)
-        return True
+        if plan is not None:
+            self._adopt(sight, plan, urgent=False)
+        return plan is not None
 
     def _hurries_on(self, sight: Sight, away: float) -> bool:
-        """Take the way that the car has as fast as its bends allow, if it keeps so far from all [m]; tell whether."""
+        """Take the way that the car has as fast as its bends allow, if it leads past all; tell whether it does.
+
+        Past who comes it may lead at a distance `away` [m]. Near full lock it is not taken faster: the steering wheel
+        would come too late.
+        """
         assert self._line is not None
-        plan = self._going_on(sight)._replace(speeds=tuple(self._line.fastest(sight.first, sight.speeds)))
-        free = leads_free(sight, plan, HURRIED, away)
+        present = self._going_on(sight)
+        fastest = self._line.fastest(sight.first, sight.speeds)
+        out = [SPACING * (sight.first + node) < self._line.out_until for node in range(NODES)]
+        speeds = [min(pair) if turns else pair[0] for turns, *pair in zip(out, fastest, present.speeds, strict=True)]
+        plan = present._replace(speeds=tuple(speeding_up(speeds)))
+        bodies = ((body, away if comes_nearer(body) else KEPT) for body in sight.bodies)
+        free = all(keeps_away(sight, plan, body, HURRIED, least) for body, least in bodies)
         if free:
             self._lay(sight, plan, urgent=False)
         return free
@@ -318,7 +331,7 @@ class SteerAround:
         caps = [cap for cap in CAPS if cap >= sight.speeds[0] - SLOWS]
         choices = sides_to_pass(sight.bodies, blocking)
         tries = [_Try(cap, sides, pulls_out=False) for cap in caps for sides in choices]
-        if sight.observation.pose.speed < STANDS and blocking:
+        if self._planner.pulls_out and sight.observation.pose.speed < STANDS and blocking:
             tries += [_Try(crawl, sides, pulls_out=True) for crawl in CRAWLS for sides in choices[:2]]
         for place in range(self._tried if self._tried < len(tries) else 0, len(tries)):
             yield
@@ -343,13 +356,15 @@ class SteerAround:
         """Return a way that begins near full lock, at a crawl: out of a place too near for a way in comfort."""
         here, keeps = sight.here, self._keeps(sight)
         bends = sight.nodes.curvature[: math.ceil(REACH / SPACING)]
-        if np.ptp(bends) > ONE_BEND:
+        near = [body for body in blocking if float(body.s.min()) < here.s + REACH]
+        # Who is no larger than a person may walk on.
+        if np.ptp(bends) > ONE_BEND or not near or any(body.small for body in near):
             return None
-        side = next(side for body, side in zip(sight.bodies, one.sides, strict=True) if body is blocking[0])
+        side = next(side for body, side in zip(sight.bodies, one.sides, strict=True) if body is near[0])
         start = Start(here.s, here.d, sight.heading_error, float(bends.mean()))
         standing = [body for body in sight.bodies if abs(body.along) < STANDS and not body.across]
         out = way_out(
-            self._vehicle, start, blocking, standing,
+            self._vehicle, start, near, standing,
             left=side == LEFT, speed=one.cap, clearance=keeps.clearance,
             aside=self._left if side == LEFT else self._right,
         )  # fmt: skip

@@ -84,12 +84,9 @@ class WayAround(NamedTuple):
 
     def fastest(self, first: int, usual: Sequence[float]) -> list[float]:
         """Return the greatest speeds [m/s] at nodes from a number on that its bends leave of the usual ones there."""
-        speeds, speed = [], math.inf
-        for node, open_road in enumerate(usual, first - self.first):
-            faster = math.sqrt(speed * speed + 2.0 * SPEEDING_UP * SPACING)
-            speed = min(open_road, self.bends.at(SPACING * node)[0], faster)
-            speeds.append(speed)
-        return speeds
+        return speeding_up(
+            min(open_road, self.bends.at(SPACING * node)[0]) for node, open_road in enumerate(usual, first - self.first)
+        )
 
     def d_at(self, node: int) -> float:
         """Return d at a node by its number [m]; beyond the end that at the end."""
@@ -144,6 +141,15 @@ class _Kept(NamedTuple):
         here, there = self.squares[node], self.squares[node + 1]
         square = here + (place - node) * (there - here)
         return (speed, along) if speed * speed <= square else (math.sqrt(square), (there - here) / (2.0 * SPACING))
+
+
+def speeding_up(limits: Iterable[float]) -> list[float]:
+    """Return the greatest speeds at nodes within limits [m/s] to which a car can speed up from node to node."""
+    speeds, speed = [], math.inf
+    for limit in limits:
+        speed = min(limit, math.sqrt(speed * speed + 2.0 * SPEEDING_UP * SPACING))
+        speeds.append(speed)
+    return speeds
 
 
 def first_met(nodes: Nodes, times: Sequence[float], d: Sequence[float], body: Body, within: float = 0.0) -> int | None:

@@ -158,3 +158,21 @@ def test_behind_the_car_it_is_the_line_that_the_car_stands_on() -> None:
     assert way.d_at(9.0) == pytest.approx(0.2 - math.tan(0.1))
     assert way.d_at(10.0) == pytest.approx(0.2)
     assert way.d_at(60.0) == pytest.approx(way.d[-1])
+
+
+def test_one_that_is_not_done_within_its_reach_is_none() -> None:
+    for gap in np.arange(10.0, 40.0, 0.5).tolist():
+        way = found([rear_of(gap, 0.0)], Start(0.0, 0.0, 0.0, 0.0))
+        assert way is None or way.d[-1] == pytest.approx(way.d[-4], abs=0.01)
+
+
+def test_what_is_behind_or_far_aside_is_no_matter() -> None:
+    start, ahead = Start(0.0, 0.0, 0.0, 0.0), rear_of(8.0, -0.3)
+    alone, among = found([ahead], start), found([ahead, rear_of(-20.0, 0.0), rear_of(8.0, 12.0)], start)
+    assert alone is not None
+    assert among is not None
+    assert (alone.d == among.d).all()
+
+
+def test_who_touches_it_holds_it() -> None:
+    assert found([rear_of(8.0, -0.3), rear_of(-1.0, -1.5)], Start(0.0, 0.0, 0.0, 0.0)) is None

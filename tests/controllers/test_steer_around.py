@@ -130,11 +130,21 @@ def test_who_comes_in_its_lane_and_moves_over_is_given_way_to_as_any_other(
 
 @pytest.mark.thorough
 @both
-@pytest.mark.parametrize("gap", [4.5, 5.0, 7.0, 9.0, 12.0, None])
-def test_out_of_a_standstill_behind_it(module: ModuleType, gap: float | None) -> None:
-    """As far behind it as the car waits for who comes the other way, and nearer, as who stopped it may leave it."""
-    at = CAR.rear_axle_to_bumper + (gap or module.TUNING["gap_m"]) + 2.25
-    found = drive(around(module), ROAD, 8.0, [steady(at, 0.0)], 25.0, start=0.0, until=80.0)
+def test_out_of_a_standstill_behind_it(module: ModuleType) -> None:
+    """As far behind it as the car waits for who comes the other way."""
+    at = CAR.rear_axle_to_bumper + module.TUNING["gap_m"] + 2.25
+    found = drive(around(module), ROAD, 8.0, [steady(at, 0.0)], 20.0, start=0.0, until=80.0)
+    assert found.s[-1] > 80.0
+    assert found.least > CLEAR
+    assert abs(found.d[-1]) < 0.15
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("gap", [4.5, 5.0, 7.0, 9.0, 12.0])
+def test_out_of_a_standstill_close_behind_it(gap: float) -> None:
+    """As who came while it steered out may leave it."""
+    at = CAR.rear_axle_to_bumper + gap + 2.25
+    found = drive(around(elastic_band), ROAD, 8.0, [steady(at, 0.0)], 25.0, start=0.0, until=80.0)
     assert found.s[-1] > 80.0
     assert found.least > CLEAR
     assert abs(found.d[-1]) < 0.15
@@ -142,17 +152,23 @@ def test_out_of_a_standstill_behind_it(module: ModuleType, gap: float | None) ->
 
 
 @pytest.mark.thorough
-@both
 @pytest.mark.parametrize("bend", [1.0 / 60.0, -1.0 / 60.0])
 @pytest.mark.parametrize("gap", [6.0, 9.0])
-def test_out_of_a_standstill_in_a_bend(module: ModuleType, bend: float, gap: float) -> None:
+def test_out_of_a_standstill_in_a_bend(bend: float, gap: float) -> None:
     """In the one to the right the other lane is hidden by what stands there: the car stays."""
     angle = bend * np.arange(0.0, 150.0)
     road = ReferencePath.from_points((np.sin(angle) / bend).tolist(), ((1.0 - np.cos(angle)) / bend).tolist())
     at = road.at(CAR.rear_axle_to_bumper + gap + 2.25)
-    found = drive(around(module), road, 8.0, [steady(at.x, at.y, 0.0, at.heading)], 25.0, start=0.0, until=70.0)
+    found = drive(around(elastic_band), road, 8.0, [steady(at.x, at.y, 0.0, at.heading)], 25.0, start=0.0, until=70.0)
     assert found.least > CLEAR
     assert (found.s[-1] > 70.0) == (bend > 0.0)
+
+
+@pytest.mark.thorough
+def test_nobody_is_pulled_out_around_who_may_walk_on() -> None:
+    person = steady(CAR.rear_axle_to_bumper + 5.0, 0.0, length=0.5, width=0.6, cross_section=0.5)
+    found = drive(around(elastic_band), ROAD, 8.0, [person], 10.0, kinds=["pedestrian"], start=0.0)
+    assert found.s[-1] < 0.5
 
 
 @pytest.mark.thorough
@@ -181,6 +197,7 @@ class Counting:
     """The elastic band, which counts the portions of its work."""
 
     setting_out_share = elastic_band.ElasticBand.setting_out_share
+    pulls_out = elastic_band.ElasticBand.pulls_out
 
     def __init__(self) -> None:
         self.portions = 0

@@ -9,7 +9,7 @@ import pytest
 
 from controllers.lateral_plan import LateralPlan
 from controllers.outlines import Body
-from controllers.way_around import NODES, WayAround
+from controllers.way_around import NODES, WayAround, speeding_up
 from tests.controllers.avoid_bench import CAR
 from tests.controllers.bench import ROAD
 from vve_sumo.path import ReferencePath
@@ -77,3 +77,9 @@ def test_the_fastest_that_a_way_can_be_taken() -> None:
     bent = WayAround.of_plan(circle, 0, LateralPlan((0.0,) * NODES, (1.0,) * NODES), usual, 2.0, urgent=False)
     speeds = bent.fastest(20, [9.0] * NODES)[:30]
     assert speeds == pytest.approx([math.sqrt(2.2 * 20.0)] * 30, rel=0.02)
+
+
+def test_a_car_speeds_up_from_a_bend_no_faster_than_it_can() -> None:
+    """v^2 = v0^2 + 2 a s with 1.5 m/s2."""
+    found = speeding_up([6.0, 2.0, 9.0, 9.0, 9.0, 3.0])
+    assert found == pytest.approx([6.0, 2.0, *(math.sqrt(4.0 + 3.0 * 1.5 * node) for node in (1, 2, 3)), 3.0])
