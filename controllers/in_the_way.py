@@ -110,12 +110,17 @@ def comes_at_once(sight: Sight, plan: LateralPlan, body: Body) -> bool:
 
 def leads_free(sight: Sight, plan: LateralPlan, keeps: Margins, away: float) -> bool:
     """Tell whether a way comes nowhere nearer than `away` to anybody [m], by the times that `keeps` leaves."""
-    return all(keeps_away(sight, plan, body, keeps, away) for body in sight.bodies)
+    return not too_near(sight, plan, keeps, away, away)
 
 
-def keeps_away(sight: Sight, plan: LateralPlan, body: Body, keeps: Margins, away: float) -> bool:
-    """Tell whether a way comes nowhere nearer than `away` to a body [m], by the times that `keeps` leaves."""
-    return min(clearances(sight.nodes, times_at(plan.speeds, SPACING), plan.d, body, keeps)) >= away
+def too_near(sight: Sight, plan: LateralPlan, keeps: Margins, away: float, from_oncoming: float) -> list[Body]:
+    """Return the bodies to which a way comes nearer than `away` [m], or than `from_oncoming` to who comes [m]."""
+    times, near = times_at(plan.speeds, SPACING), []
+    for body in sight.bodies:
+        least = from_oncoming if comes_nearer(body) else away
+        if not min(clearances(sight.nodes, times, plan.d, body, keeps)) >= least:
+            near.append(body)
+    return near
 
 
 def may_come_over(body: Body) -> bool:

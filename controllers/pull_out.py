@@ -81,7 +81,7 @@ def way_out(
     clear = np.abs(d[-1]) < aside + ROUNDED
     looked_at = slice(None, None, LOOKS_EVERY)
     for body in standing:
-        if _may_be_near(vehicle, start, s, d, body, clearance):
+        if not _is_far(vehicle, start, s, d, body, clearance):  # a NaN is nowhere far
             away = _distances(vehicle, s[looked_at], d[looked_at], heading[looked_at], start.curvature, body)
             clear &= away.min(axis=0) >= np.minimum(clearance - ROUNDED, np.maximum(away[0] - SWINGS, CLOSEST))
     if not clear.any():
@@ -94,7 +94,8 @@ def way_out(
 class _Turns(NamedTuple):
     """Ways of a turn out, a straight piece and a turn back, one each: shape (ways,).
 
-    The steering wheel turns as fast as it may, so that the curvature along a turn is a trapezium or triangle.
+    The steering wheel turns as fast as it may, so that the curvature along a turn is a trapezium or triangle. The turn
+    back ends along the path.
     """
 
     side: float  #: 1 to the left, -1 to the right
@@ -107,7 +108,7 @@ class _Turns(NamedTuple):
 
     @classmethod
     def of(cls, vehicle: Vehicle, start: Start, out: np.ndarray, side: float, speed: float) -> _Turns:
-        """Return ways with turns out of lengths [m], without straight pieces; of those only that lead back."""
+        """Return ways whose turns out have lengths [m], without straight pieces."""
         most = max(CURVATURE_SHARE * vehicle.tightest_curvature - abs(start.curvature), 1e-3)
         change = TURNING_SHARE * vehicle.steering_rate_limit / vehicle.wheelbase / speed
         peak = np.minimum(most, 0.5 * change * out)
@@ -145,12 +146,12 @@ class _Turns(NamedTuple):
         return curvature
 
 
-def _may_be_near(vehicle: Vehicle, start: Start, s: np.ndarray, d: np.ndarray, body: Body, clearance: float) -> bool:
-    """Tell whether a body may come within the clearance: it is neither behind the car nor beyond its reach."""
+def _is_far(vehicle: Vehicle, start: Start, s: np.ndarray, d: np.ndarray, body: Body, clearance: float) -> bool:
+    """Tell whether a body surely stays beyond the clearance: it is behind the car, or out of its reach."""
     reach = math.hypot(vehicle.rear_axle_to_bumper, 0.5 * vehicle.width) + clearance
-    ahead = float(body.s.max()) + hidden_length(body) > start.s - vehicle.rear_overhang - clearance
-    along = ahead and float(body.s.min()) < float(s.max()) + reach
-    return along and float(body.d.min()) < float(d.max()) + reach and float(body.d.max()) > float(d.min()) - reach
+    behind = float(body.s.max()) + hidden_length(body) < start.s - vehicle.rear_overhang - clearance
+    aside = float(body.d.min()) > float(d.max()) + reach or float(body.d.max()) < float(d.min()) - reach
+    return behind or aside or float(body.s.min()) > float(s.max()) + reach
 
 
 def _summed(values: np.ndarray) -> np.ndarray:

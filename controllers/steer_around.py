@@ -41,10 +41,10 @@ from .in_the_way import (
     is_gone,
     is_met,
     is_slow,
-    keeps_away,
     leads_free,
     may_come_over,
     slowing_distance,
+    too_near,
 )
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
@@ -262,9 +262,9 @@ class SteerAround:
         """
         assert self._line is not None
         present = self._going_on(sight)
-        hindered = [body for body in sight.bodies if not keeps_away(sight, present, body, COMFORT, KEPT)]
+        hindering = too_near(sight, present, COMFORT, KEPT, KEPT)
         moves = sight.observation.pose.speed > STANDS
-        if not (moves and any(map(comes_nearer, hindered)) and all(is_slow(body, sight) for body in blocking)):
+        if not (moves and any(map(comes_nearer, hindering)) and all(is_slow(body, sight) for body in blocking)):
             return False
         if self._hurries_on(sight, KEPT) or self._hurries_on(sight, NEAREST):
             return True
@@ -289,8 +289,7 @@ class SteerAround:
         out = [SPACING * (sight.first + node) < self._line.out_until for node in range(NODES)]
         speeds = [min(pair) if turns else pair[0] for turns, *pair in zip(out, fastest, present.speeds, strict=True)]
         plan = present._replace(speeds=tuple(speeding_up(speeds)))
-        bodies = ((body, away if comes_nearer(body) else KEPT) for body in sight.bodies)
-        free = all(keeps_away(sight, plan, body, HURRIED, least) for body, least in bodies)
+        free = not too_near(sight, plan, HURRIED, KEPT, away)
         if free:
             self._lay(sight, plan, urgent=False)
         return free

@@ -130,6 +130,10 @@ def test_it_leads_no_farther_aside_than_it_must() -> None:
         (Start(0.0, 0.0, 0.0, 0.0), 2.8),  # the other car's side, half a width and the clearance are more
         (Start(0.0, 3.38, 0.0, 0.0), 3.4),  # it is there already: no turn is left
         (Start(0.0, 0.0, -0.9, 0.0), 3.4),  # turned away from that side
+        (Start(0.0, 0.0, math.nan, 0.0), 3.4),
+        (Start(0.0, math.nan, 0.0, 0.0), 3.4),
+        (Start(math.nan, 0.0, 0.0, 0.0), 3.4),
+        (Start(0.0, 0.0, 0.0, math.nan), 3.4),
     ],
 )
 def test_where_there_is_none_it_says_so(start: Start, aside: float) -> None:
