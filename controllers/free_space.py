@@ -107,7 +107,7 @@ def clearances(nodes: Nodes, times: Sequence[float], way_d: Sequence[float], bod
     """Return how near a body is to the car's side at each node of a way [m]; inf where it is not beside the car.
 
     `way_d` are the rear axle's [m], `times` when it is there [s]. Negative where the body is in the way. A car that
-    leaves its path steeply has its front much farther out than its rear axle.
+    leaves its path steeply has its front much farther out than its rear axle. -inf where a number is none.
     """
     at, way = np.array(times), np.array(way_d)
     beside, d, spread = _beside(nodes, at, body, keeps, 0.0)
@@ -116,8 +116,9 @@ def clearances(nodes: Nodes, times: Sequence[float], way_d: Sequence[float], bod
     gap = np.where(away > 0.0, away - nodes.left[:, None], -away - nodes.right[:, None])
     both = _straddled(away, beside)
     least = np.where(beside, gap, math.inf).min(axis=1) - spread
-    nearest: list[float] = np.where(both, np.minimum(least, 0.0), least).tolist()
-    return nearest
+    nearest = np.where(both, np.minimum(least, 0.0), least)
+    kept: list[float] = np.where(np.isnan(nearest), -math.inf, nearest).tolist()
+    return kept
 
 
 def _slopes(d: np.ndarray, s: np.ndarray) -> np.ndarray:
