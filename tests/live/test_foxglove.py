@@ -102,13 +102,16 @@ def served(record: Path) -> Iterator[Served]:
 
 @pytest.fixture(scope="module")
 def got(served: Served) -> dict[str, list[Got]]:
-    """A second of every topic."""
-    viewer, found = Viewer(served.address), {topic: [] for topic in (*TOPICS, "/roads")}  # type: dict[str, list[Got]]
-    viewer.subscribe(*found)
-    while len(found["/states"]) < 50:
-        one = viewer.next()
-        found[one.topic].append(one)
-    viewer.close()
+    """A second of every topic; the first one in which the computer was not so busy that messages were left out."""
+    for _ in range(5):
+        viewer, found = Viewer(served.address), {topic: [] for topic in (*TOPICS, "/roads")}  # type: dict[str, list[Got]]
+        viewer.subscribe(*found)
+        while len(found["/states"]) < 50:
+            one = viewer.next()
+            found[one.topic].append(one)
+        viewer.close()
+        if not viewer.statuses:
+            break
     assert viewer.statuses == []
     return found
 
