@@ -3,7 +3,8 @@
 Two cases. What stands or is slow is gone around in comfort, where the road beside is seen to be free for as long as
 that takes: who comes the other way goes first. And where full braking would come too late, the car swerves, as hard as
 the gateway lets it, braking meanwhile: the least time to stop against the least time to come to the side. In all other
-cases the car brakes on its path, as `follow_and_stop` does. It must not know how a planner plans, nor brakes' laws.
+cases the car brakes on its path, as `follow_and_stop` does; once it is out, it does not stop in the way of who comes if
+it can go on before him. It must not know how a planner plans, nor brakes' laws.
 """
 
 from __future__ import annotations
