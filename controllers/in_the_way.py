@@ -161,6 +161,12 @@ def slowing_distance(sight: Sight, speed: float) -> float:
     return stopping_distance(max(sight.observation.pose.speed - speed, 0.0), -COMFORT_LIMIT, delay, 0.7)
 
 
+def beside_at_rest(sight: Sight, plan: LateralPlan) -> float:
+    """Return how far beside its path the car comes to rest on a way, slowing in comfort [m]."""
+    rest = sight.here.s + slowing_distance(sight, 0.0)
+    return abs(plan.d[min(round(rest / SPACING) - sight.first, NODES - 1)])
+
+
 def comes_too_late(sight: Sight, blocking: list[Body], line: WayAround | None, brakes: bool) -> bool:
     """Tell whether the car would reach one of the bodies before it stands, and can still come to the side of it.
 

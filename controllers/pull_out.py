@@ -123,7 +123,7 @@ class _Turns(NamedTuple):
         return total
 
     def leading_to(self, start: Start, aside: np.ndarray) -> _Turns:
-        """Return those that lead as far aside as is told [m], by straight pieces of some length."""
+        """Return those that lead as far aside as `aside` [m], by straight pieces of some length."""
         _s, d, heading = self.places(start)
         missing = aside - self.side * d[-1]
         steepest = np.sin((self.side * heading).max(axis=0)).clip(min=SHALLOW)

@@ -31,6 +31,7 @@ from .in_the_way import (
     WANTED,
     Sight,
     asks_for_room,
+    beside_at_rest,
     braked_speeds,
     can_wait,
     comes_at_once,
@@ -44,7 +45,6 @@ from .in_the_way import (
     is_slow,
     leads_free,
     may_come_over,
-    slowing_distance,
     too_near,
 )
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
@@ -73,6 +73,7 @@ BACK: Final = 0.6  #: a car that waits no farther beside its path is out of the 
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
 LOOKS_EVERY: Final = 3.0  #: between the places of the road beside that must be in sight [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
+BLIND: Final = 0.6  #: after so long without a turn of the lidar a car on a way of its own stops [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
 #: portions of work on a decision in one tick, of about a millisecond each; a tick that takes in a turn of the lidar has
 #: less time and does one. For a swerve every tick counts.
@@ -147,6 +148,8 @@ class SteerAround:
         commanded = line.commanded_from(math.floor(projection.s / SPACING))
         bodies = [body.moved(observation.time - self._seen) for body in self._bodies]
         met = line.met(bodies, self._vehicle, projection, pose.speed)
+        if not observation.time - self._seen <= BLIND:
+            met = (Target(0.0, 0.0), met[1])
         return Way(line.path, on_line, line.profile, commanded, *met)
 
     def in_path(self, observation: Observation, projection: PathProjection) -> Target | None:
@@ -209,7 +212,7 @@ class SteerAround:
             yield from self._swerve(sight, asking)
         elif not self._line.urgent and (yield from self._stays(sight, blocking)):
             pass
-        elif not (yield from self._swerve(sight, self._in_line(sight))):
+        elif not (yield from self._swerve(sight, [body for body in sight.bodies if is_met(sight, body, self._line)])):
             self._go_on(sight)
 
     def _gives_up(self, sight: Sight, asking: list[Body], blocking: list[Body]) -> bool:
@@ -243,7 +246,7 @@ class SteerAround:
             self._keep(sight)
             return True
         back = (yield from self._way_back(sight)) if can_wait(sight, blocking) else None
-        if back is not None and self._beside_at_rest(sight, back) < BACK:
+        if back is not None and beside_at_rest(sight, back) < BACK:
             self._adopt(sight, back, urgent=False)
             return True
         if blocking and self._is_free(sight, COMFORT):
@@ -301,10 +304,6 @@ class SteerAround:
         if plan is not None:
             self._adopt(sight, plan, urgent=True)
         return plan is not None
-
-    def _in_line(self, sight: Sight) -> list[Body]:
-        """Return the bodies that are in the way which the car has taken."""
-        return [body for body in sight.bodies if is_met(sight, body, self._line)]
 
     def _keep(self, sight: Sight) -> None:
         """Go on along the way that there is, at its speeds."""
@@ -476,11 +475,6 @@ class SteerAround:
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         task = self._task(sight, (), COMFORT, limits, sight.speeds)
         return self._planner.planning(task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES)))
-
-    def _beside_at_rest(self, sight: Sight, plan: LateralPlan) -> float:
-        """Return how far beside its path the car comes to rest on a way, slowing in comfort [m]."""
-        rest = sight.here.s + slowing_distance(sight, 0.0)
-        return abs(plan.d[min(round(rest / SPACING) - sight.first, NODES - 1)])
 
     def _go_on(self, sight: Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""

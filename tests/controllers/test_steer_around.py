@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -18,7 +20,7 @@ from vve_sumo.commanded_path import flaw
 from vve_sumo.controller import Controller
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import ControlCommand, Observation, Point, Pose
+from vve_sumo.values import ControlCommand, Observation, Point, Pose, SensorOutput
 
 MODULES = [elastic_band, frenet_sampling]
 both = pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.split(".")[-1])
@@ -162,6 +164,30 @@ def test_out_of_a_standstill_in_a_bend(bend: float, gap: float) -> None:
     found = drive(around(elastic_band), road, 8.0, [steady(at.x, at.y, 0.0, at.heading)], 25.0, start=0.0, until=70.0)
     assert found.least > CLEAR
     assert (found.s[-1] > 70.0) == (bend > 0.0)
+
+
+class Blinded:
+    """The elastic band, to which sensors bring nothing new from a time on."""
+
+    def __init__(self, begins: float) -> None:
+        self._controller, self._begins = around(elastic_band), begins
+        self._sensors: Mapping[str, SensorOutput] = {}
+
+    def step(self, observation: Observation) -> ControlCommand:
+        if observation.time < self._begins:
+            self._sensors = observation.sensors
+        return self._controller.step(replace(observation, sensors=self._sensors))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("begins", [3.0, 4.0, 5.0, 7.0])
+def test_a_car_on_a_way_that_sees_nothing_any_more_stops(begins: float) -> None:
+    found = drive(Blinded(begins), ROAD, 8.0, [steady(CAR.rear_axle_to_bumper + 8.25, 0.0)], begins + 6.0, start=0.0)
+    at = int(np.searchsorted(found.time, begins))
+    assert found.least > CLEAR
+    assert found.speed[-1] == 0.0
+    # On the way for 0.6 s and as long as the brakes take, then 2.5 m/s2 and more.
+    assert found.s[-1] - found.s[at] < 1.2 * (found.speed[at] + 1.0) + (found.speed[at] + 1.0) ** 2 / 5.0
 
 
 @pytest.mark.thorough
